@@ -9,6 +9,8 @@ use super::layout::Layout;
 use super::turns::Turns;
 use pulp::Simd;
 use std::collections::{BTreeMap, BTreeSet};
+use std::mem::take;
+use std::rc::Rc;
 
 /// Smallest number of units for which a row is worth its unused lanes.
 const LEAST_ROW: usize = 2;
@@ -22,31 +24,37 @@ pub(super) struct Batch {
     /// Index of the batch's entry in [`Batches::panels`]: the panel of each form with the local
     /// values.
     pub panel: usize,
-    /// Lanes in use.
-    used: LaneMask,
     places: Places,
 }
 
 /// Places of local dofs in the work space; positions in layout order until they are known.
 #[derive(Debug)]
 enum Places {
-    /// Place of each local dof in the first lane; those of the other lanes follow it.
-    Row {
-        starts: Vec<u32>,
-        /// Places and numbers of two local dofs, the second of which lies one place further. Both
-        /// are added at once: a processor waits where it loads places only some of which were just
-        /// stored.
-        pairs: Vec<(u32, [u32; 2])>,
-        /// Place and number of each other local dof.
-        singles: Vec<(u32, u32)>,
-    },
+    /// Row whose least place is `first`.
+    Row { first: u32, pattern: Rc<Pattern> },
     /// Place of each local dof, lane by lane.
     Scattered(Vec<[u32; LANES]>),
 }
 
-impl Places {
-    /// Creates the places of a row from that of each local dof in the first lane.
-    fn row(starts: Vec<u32>) -> Places {
+/// Shape of a row, whose places are counted from the least one. Most rows of a regular mesh have
+/// the same, which the first cache keeps.
+#[derive(Debug)]
+struct Pattern {
+    /// Lanes in use, and the number of them up to the last one.
+    used: LaneMask,
+    lanes: usize,
+    /// Place of each local dof in the first lane; those of the other lanes follow it.
+    starts: Vec<u32>,
+    /// Places and numbers of two local dofs, the second of which lies one place further. Both are
+    /// added at once: a processor waits where it loads places only some of which were just stored.
+    pairs: Vec<(u32, [u32; 2])>,
+    /// Place and number of each other local dof.
+    singles: Vec<(u32, u32)>,
+}
+
+impl Pattern {
+    /// Creates the pattern of a row from its lanes in use and the place of each local dof.
+    fn new(used: [bool; LANES], starts: Vec<u32>) -> Pattern {
         let mut order: Vec<u32> = (0..starts.len() as u32).collect();
         order.sort_by_key(|&dof| starts[dof as usize]);
         let (mut pairs, mut singles) = (Vec::new(), Vec::new());
@@ -62,21 +70,41 @@ impl Places {
                 _ => singles.push((start, *dof)),
             }
         }
-        Places::Row { starts, pairs, singles }
+        let lanes = used.iter().rposition(|used| *used).map_or(0, |last| last + 1);
+        Pattern { used: LaneMask::of(used), lanes, starts, pairs, singles }
+    }
+}
+
+/// Patterns of rows so far, each with its lanes in use and the places of its local dofs.
+type Patterns = BTreeMap<([bool; LANES], Vec<u32>), Rc<Pattern>>;
+
+impl Places {
+    /// Creates the places of a row from its lanes in use and the place of each local dof in the
+    /// first lane.
+    fn row(used: [bool; LANES], starts: impl Iterator<Item = u32>, patterns: &mut Patterns) -> Places {
+        let mut starts: Vec<u32> = starts.collect();
+        let first = starts.iter().min().copied().unwrap_or(0);
+        starts.iter_mut().for_each(|start| *start -= first);
+        let known = patterns.entry((used, starts));
+        let pattern = known.or_insert_with_key(|(used, starts)| Rc::new(Pattern::new(*used, starts.clone())));
+        Places::Row { first, pattern: pattern.clone() }
     }
 
     /// Calls `visit` with the place of each local dof; in a row, with that in the first lane.
-    fn for_each(&self, visit: impl FnMut(u32)) {
+    fn for_each(&self, mut visit: impl FnMut(u32)) {
         match self {
-            Places::Row { starts, .. } => starts.iter().copied().for_each(visit),
+            Places::Row { first, pattern } => pattern.starts.iter().for_each(|start| visit(first + start)),
             Places::Scattered(places) => places.iter().flatten().copied().for_each(visit),
         }
     }
 
     /// Returns these local dofs at other places.
-    fn moved(&self, to: impl Fn(u32) -> u32) -> Places {
+    fn moved(&self, to: impl Fn(u32) -> u32, patterns: &mut Patterns) -> Places {
         match self {
-            Places::Row { starts, .. } => Places::row(starts.iter().map(|&start| to(start)).collect()),
+            Places::Row { first, pattern } => {
+                let used = std::array::from_fn(|lane| pattern.used.holds(lane));
+                Places::row(used, pattern.starts.iter().map(|start| to(first + start)), patterns)
+            }
             Places::Scattered(places) => {
                 Places::Scattered(places.iter().map(|places| places.map(&to)).collect())
             }
@@ -89,8 +117,17 @@ impl Batch {
     #[inline(always)]
     pub fn size(&self) -> usize {
         match &self.places {
-            Places::Row { starts, .. } => starts.len(),
+            Places::Row { pattern, .. } => pattern.starts.len(),
             Places::Scattered(places) => places.len(),
+        }
+    }
+
+    /// Returns the number of vector registers that the lanes in use fill.
+    #[inline(always)]
+    pub fn registers<S: Simd>(&self) -> usize {
+        match &self.places {
+            Places::Row { pattern, .. } => pattern.lanes.div_ceil(S::F64_LANES),
+            Places::Scattered(_) => LANES / S::F64_LANES,
         }
     }
 
@@ -98,10 +135,11 @@ impl Batch {
     #[inline(always)]
     pub fn gather(&self, x: &[f64], local: &mut [Lanes]) {
         match &self.places {
-            Places::Row { starts, .. } => {
-                let starts = &starts[..local.len()];
+            Places::Row { first, pattern } => {
+                let (x, used) = (&x[*first as usize..], pattern.used);
+                let starts = &pattern.starts[..local.len()];
                 for (value, &start) in local.iter_mut().zip(starts) {
-                    *value = self.used.keep(Lanes::at(x, start));
+                    *value = used.keep(Lanes::at(x, start));
                 }
             }
             Places::Scattered(places) => {
@@ -116,20 +154,28 @@ impl Batch {
 
     /// Adds some local vectors, which are zero in unused lanes, each to a vector.
     #[inline(always)]
-    pub fn scatter<S: Simd, const N: usize>(&self, simd: S, locals: [&[Lanes]; N], sums: [&mut [f64]; N]) {
+    pub fn scatter<S: Simd, const N: usize>(
+        &self,
+        simd: S,
+        locals: [&[Lanes]; N],
+        mut sums: [&mut [f64]; N],
+    ) {
         match &self.places {
-            Places::Row { pairs, singles, .. } => {
-                let first = simd.mask_between_m64s(0, 1).mask();
-                for &(start, [dof, next]) in pairs {
+            Places::Row { first, pattern } => {
+                let first_lane = simd.mask_between_m64s(0, 1).mask();
+                for sum in &mut sums {
+                    *sum = &mut take(sum)[*first as usize..];
+                }
+                for &(start, [dof, next]) in &pattern.pairs {
                     for k in 0..N {
                         let (own, next) = (&locals[k][dof as usize], &locals[k][next as usize]);
                         let places = &mut sums[k][start as usize..][..LANES + 1];
                         places[LANES] += next.0[LANES - 1];
-                        let sum = Lanes::at(places, 0) + *own + next.moved_up(simd, first);
+                        let sum = Lanes::at(places, 0) + *own + next.moved_up(simd, first_lane);
                         places[..LANES].copy_from_slice(&sum.0);
                     }
                 }
-                for &(start, dof) in singles {
+                for &(start, dof) in &pattern.singles {
                     for k in 0..N {
                         let sum = Lanes::at(sums[k], start) + locals[k][dof as usize];
                         sums[k][start as usize..][..LANES].copy_from_slice(&sum.0);
@@ -228,6 +274,7 @@ impl Batches {
             classes.entry((unit.dofs.len(), unit.classes)).or_default().push(number);
         }
         let mut left: BTreeMap<(usize, bool, bool), Vec<usize>> = BTreeMap::new();
+        let mut patterns = Patterns::new();
         for ((size, [number, second]), mut class) in classes {
             batches.sort_along_lines(layout, &mut class);
             let (rows, loose) = batches.rows(layout, &class);
@@ -238,8 +285,10 @@ impl Batches {
             }
             let panel = batches.panel(&class[..1]);
             for Row { starts, lanes, .. } in rows {
-                let starts = starts.iter().map(|start| start.unwrap_or(layout.nowhere())).collect();
-                batches.push(panel, &lanes, Places::row(starts));
+                let starts = starts.iter().map(|start| start.unwrap_or(layout.nowhere()));
+                let mut used = [false; LANES];
+                lanes.iter().for_each(|(lane, _)| used[*lane] = true);
+                batches.push(panel, &lanes, Places::row(used, starts, &mut patterns));
             }
             for chunk in whole {
                 batches.scatter(layout, panel, chunk);
@@ -271,15 +320,17 @@ impl Batches {
         self.list.sort_by_cached_key(|batch| (strips_of(batch).first().copied(), first_cell(batch)));
         let strips: Vec<_> = layout.strips().collect();
         let needs: Vec<_> = self.list.iter().map(strips_of).collect();
+        let mut patterns = Patterns::new();
         self.turns = Turns::new(&strips, &needs, |batch, starts| {
             let Batch { places, .. } = &mut self.list[batch];
-            *places = places.moved(|place| {
+            let in_work_space = |place: u32| {
                 if place >= layout.nowhere() {
                     return 0;
                 }
                 let strip = layout.strip_of(place);
                 starts[strip] as u32 + place - strips[strip].start
-            });
+            };
+            *places = places.moved(in_work_space, &mut patterns);
         });
     }
 
@@ -290,20 +341,20 @@ impl Batches {
         let units = cells.iter().enumerate().map(|(number, cell)| Unit::single(number, cell)).collect();
         let mut batches = Batches::of(cells, units);
         let mut panel_of: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+        let mut patterns = Patterns::new();
         for number in 0..batches.cells.len() {
             let (own, class) = batches.cells[number].clone();
             let panel = *panel_of
                 .entry((own.len(), class))
                 .or_insert_with(|| batches.panel(std::slice::from_ref(&number)));
-            let start = |dof: &Option<usize>| dof.map_or(layout.nowhere(), |dof| (LANES * dof) as u32);
+            let starts = own.iter().map(|dof| dof.map_or(layout.nowhere(), |dof| (LANES * dof) as u32));
             batches.list.push(Batch {
                 cells: [
                     std::array::from_fn(|system| (LANES * number + system) as u32),
                     [(LANES * batches.cells.len()) as u32; LANES],
                 ],
                 panel,
-                used: LaneMask::of([true; LANES]),
-                places: Places::row(own.iter().map(start).collect()),
+                places: Places::row([true; LANES], starts, &mut patterns),
             });
         }
         batches.take_turns(layout);
@@ -378,15 +429,15 @@ impl Batches {
 
     /// Adds a batch with the given units in some lanes.
     fn push(&mut self, panel: usize, lanes: &[(usize, usize)], places: Places) {
-        let (mut cells, mut used) = ([[self.cells.len() as u32; LANES]; 2], [false; LANES]);
+        let mut cells = [[self.cells.len() as u32; LANES]; 2];
         for &(lane, unit) in lanes {
             let Unit { cell, second, .. } = self.units[unit];
-            (cells[0][lane], used[lane]) = (cell as u32, true);
+            cells[0][lane] = cell as u32;
             if let Some((second, _)) = second {
                 cells[1][lane] = second as u32;
             }
         }
-        self.list.push(Batch { cells, panel, used: LaneMask::of(used), places });
+        self.list.push(Batch { cells, panel, places });
     }
 }
 
@@ -411,11 +462,17 @@ mod tests {
     #[test]
     fn rows_are_added_where_they_belong() {
         let starts = [9, 8, 30, 7, 31, 50, 30];
-        let places = Places::row(starts.to_vec());
-        assert!(
-            matches!(&places, Places::Row { pairs, singles, .. } if pairs.len() == 2 && singles.len() == 3)
-        );
-        let batch = Batch { cells: [[0; LANES]; 2], panel: 0, used: LaneMask::of([true; LANES]), places };
+        let mut patterns = Patterns::new();
+        let mut row = |starts: [u32; 7]| Places::row([true; LANES], starts.into_iter(), &mut patterns);
+        let (places, further) = (row(starts), row(starts.map(|start| start + 5)));
+        let (Places::Row { first: 7, pattern }, Places::Row { first: 12, pattern: same }) =
+            (&places, &further)
+        else {
+            panic!("{places:?}, {further:?}");
+        };
+        assert!(Rc::ptr_eq(pattern, same));
+        assert_eq!((pattern.pairs.len(), pattern.singles.len()), (2, 3));
+        let batch = Batch { cells: [[0; LANES]; 2], panel: 0, places };
         let value = |dof: usize, lane: usize| (1 << dof) as f64 * (1.0 + lane as f64);
         let local: Vec<Lanes> =
             (0..starts.len()).map(|dof| Lanes(std::array::from_fn(|lane| value(dof, lane)))).collect();

@@ -44,11 +44,12 @@ impl Panel {
         }
     }
 
-    /// Computes result = A local and returns local^T A local.
+    /// Computes result = A local and returns local^T A local, where local is zero after the first
+    /// registers.
     #[inline(always)]
-    pub fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(&self, simd: S, registers: usize, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         if let Some(strains) = &self.strains {
-            return strains.apply(simd, local, result);
+            return strains.apply(simd, registers, local, result);
         }
         if self.is_difference {
             let difference = local[0] - local[1];
@@ -93,7 +94,7 @@ impl Panel {
         for (m, term) in m.iter_mut().zip(&*result) {
             m.add_scaled(simd, 1.0, term);
         }
-        self.apply(simd, local, result);
+        self.apply(simd, LANES / S::F64_LANES, local, result);
         for (y, term) in y.iter_mut().zip(result) {
             y.add_scaled(simd, scale, term);
         }
@@ -259,7 +260,7 @@ impl CellForm {
     ) -> Lanes {
         let (local, Room { result, .. }) = strips.scratch.split(size);
         batch.gather(strips.x, local);
-        let form = self.panel(batch).apply(simd, local, result);
+        let form = self.panel(batch).apply(simd, batch.registers::<S>(), local, result);
         if is_wanted {
             batch.scatter(simd, [result], [strips.y]);
         }

@@ -16,7 +16,7 @@
 
 use super::SingularMassCell;
 use super::joined::Unit;
-use super::lane_values::{LANES, Lanes, dofs, store};
+use super::lane_values::{LANES, Lanes, clear_from, dofs, store};
 use pulp::Simd;
 
 /// Number of dofs of a unit, and of the entries of a part.
@@ -82,13 +82,21 @@ impl HalfTurnMass {
         Some(HalfTurnMass { even, odd: is_pair.then_some(odd), factors })
     }
 
-    /// Computes result = scale M local and returns local^T M local.
+    /// Computes result = scale M local and returns local^T M local, where local is zero after the
+    /// first registers.
     #[inline(always)]
-    pub fn apply<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(
+        &self,
+        simd: S,
+        registers: usize,
+        scale: f64,
+        local: &[Lanes],
+        result: &mut [Lanes],
+    ) -> Lanes {
         let (local, result) = (&local[..SIZE], &mut result[..SIZE]);
         let mut form = Lanes::default();
         let scale = simd.splat_f64s(scale);
-        for k in 0..LANES / S::F64_LANES {
+        for k in 0..registers {
             let factor = self.factors.register::<S>(k);
             let (first, second) = (dofs::<S>(local, 0, k), dofs::<S>(local, 1, k));
             let (third, fourth) = (dofs::<S>(local, 2, k), dofs::<S>(local, 3, k));
@@ -134,6 +142,7 @@ impl HalfTurnMass {
             store::<S>(own, result, 1, k);
             store::<S>(opposite, result, 3, k);
         }
+        clear_from(simd, registers, result);
         form
     }
 }
@@ -198,14 +207,15 @@ mod tests {
     use crate::linalg::random::number;
     use pulp::{Arch, WithSimd};
 
-    struct Product<'a>(&'a HalfTurnMass, &'a [Lanes], &'a mut [Lanes]);
+    /// Product with units in so many lanes.
+    struct Product<'a>(&'a HalfTurnMass, &'a [Lanes], &'a mut [Lanes], usize);
 
     impl WithSimd for Product<'_> {
         type Output = Lanes;
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Lanes {
-            self.0.apply(simd, 3.0, self.1, self.2)
+            self.0.apply(simd, self.3.div_ceil(S::F64_LANES), 3.0, self.1, self.2)
         }
     }
 
@@ -252,12 +262,13 @@ mod tests {
 
     #[test]
     fn products_are_those_of_the_rows() {
-        for pairs in [false, true] {
+        for (pairs, lanes) in [(false, LANES), (true, LANES), (false, 3), (true, 3)] {
             let (cells, rows) = cells(pairs, 0.0);
             let mass = mass(&cells, &rows).unwrap();
             assert_eq!(mass.odd.is_some(), pairs);
+            let value = |dof: usize, lane: usize| if lane < lanes { number(7 * dof + lane) } else { 0.0 };
             let local: Vec<Lanes> =
-                (0..SIZE).map(|dof| Lanes(std::array::from_fn(|lane| number(7 * dof + lane)))).collect();
+                (0..SIZE).map(|dof| Lanes(std::array::from_fn(|lane| value(dof, lane)))).collect();
             let (mut expected, mut energies) = ([[0.0; LANES]; SIZE], [0.0; LANES]);
             for SingularMassCell { dofs, row, mass, .. } in &rows {
                 let lane = dofs[0].unwrap() / SIZE;
@@ -267,8 +278,8 @@ mod tests {
                 values().zip(&**row).for_each(|(dof, b)| expected[dof][lane] += 3.0 * b * momentum / mass);
             }
             for arch in [Arch::Scalar, Arch::new()] {
-                let mut result = vec![Lanes::default(); SIZE];
-                let form = arch.dispatch(Product(&mass, &local, &mut result));
+                let mut result = vec![Lanes([f64::NAN; LANES]); SIZE];
+                let form = arch.dispatch(Product(&mass, &local, &mut result, lanes));
                 for lane in 0..LANES {
                     assert!((form.0[lane] - energies[lane]).abs() <= 1e-14 * (1.0 + energies[lane]));
                     let close = |(of, expected): (&Lanes, &[f64; LANES])| {

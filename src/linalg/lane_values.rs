@@ -138,6 +138,16 @@ pub(super) fn store<S: Simd>(force: [S::f64s; 3], result: &mut [Lanes], node: us
     }
 }
 
+/// Sets numbers to zero from some register on.
+#[inline(always)]
+pub(super) fn clear_from<S: Simd>(simd: S, register: usize, values: &mut [Lanes]) {
+    for k in register..LANES / S::F64_LANES {
+        for value in values.iter_mut() {
+            *value.register_mut::<S>(k) = simd.splat_f64s(0.0);
+        }
+    }
+}
+
 impl Add for Lanes {
     type Output = Lanes;
 

@@ -19,7 +19,7 @@
 //! There are no closures in the loops, as in [`super::simd`].
 
 use super::Bending;
-use super::lane_values::{LANES, Lanes, dofs, store};
+use super::lane_values::{Lanes, clear_from, dofs, store};
 use nalgebra::DMatrix;
 use pulp::Simd;
 
@@ -72,15 +72,16 @@ impl Parallelograms {
         })
     }
 
-    /// Computes result = A local and returns local^T A local.
+    /// Computes result = A local and returns local^T A local, where local is zero after the first
+    /// registers.
     #[inline(always)]
-    pub fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(&self, simd: S, registers: usize, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         let (local, result) = (&local[..12], &mut result[..12]);
         let [[x_02, y_02], [x_13, y_13]] = self.half_diagonals;
         let half_02 = [simd.splat_f64s(x_02), simd.splat_f64s(y_02)];
         let half_13 = [simd.splat_f64s(x_13), simd.splat_f64s(y_13)];
         let mut form = Lanes::default();
-        for k in 0..LANES / S::F64_LANES {
+        for k in 0..registers {
             let [first, second, third, fourth] = [
                 dofs::<S>(local, 0, k),
                 dofs::<S>(local, 1, k),
@@ -126,6 +127,7 @@ impl Parallelograms {
                 store::<S>(forces[node], result, node, k);
             }
         }
+        clear_from(simd, registers, result);
         form
     }
 }
@@ -182,18 +184,20 @@ fn square_product<S: Simd, const N: usize>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::lane_values::LANES;
     use super::*;
     use crate::linalg::random::number;
     use pulp::{Arch, WithSimd};
 
-    struct Product<'a>(&'a Parallelograms, &'a [Lanes], &'a mut [Lanes]);
+    /// Product with cells in so many lanes.
+    struct Product<'a>(&'a Parallelograms, &'a [Lanes], &'a mut [Lanes], usize);
 
     impl WithSimd for Product<'_> {
         type Output = Lanes;
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Lanes {
-            self.0.apply(simd, self.1, self.2)
+            self.0.apply(simd, self.3.div_ceil(S::F64_LANES), self.1, self.2)
         }
     }
 
@@ -220,11 +224,14 @@ mod tests {
     fn products_are_those_of_the_undivided_form() {
         let cell = cell([0.2, 0.9], 0.0);
         let parallelograms = Parallelograms::new(&cell).unwrap();
-        let local: Vec<Lanes> =
-            (0..12).map(|dof| Lanes(std::array::from_fn(|lane| number(7 * dof + lane)))).collect();
-        for arch in [Arch::Scalar, Arch::new()] {
-            let mut result = vec![Lanes::default(); 12];
-            let form = arch.dispatch(Product(&parallelograms, &local, &mut result));
+        for (arch, lanes) in
+            [(Arch::Scalar, LANES), (Arch::new(), LANES), (Arch::Scalar, 3), (Arch::new(), 3)]
+        {
+            let value = |dof: usize, lane: usize| if lane < lanes { number(7 * dof + lane) } else { 0.0 };
+            let local: Vec<Lanes> =
+                (0..12).map(|dof| Lanes(std::array::from_fn(|lane| value(dof, lane)))).collect();
+            let mut result = vec![Lanes([f64::NAN; LANES]); 12];
+            let form = arch.dispatch(Product(&parallelograms, &local, &mut result, lanes));
             for lane in 0..LANES {
                 let values: Vec<f64> = local.iter().map(|lanes| lanes.0[lane]).collect();
                 let forces = cell.product(&values);

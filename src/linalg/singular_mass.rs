@@ -156,11 +156,19 @@ impl MassPanel {
         MassPanel { rows, half_turn }
     }
 
-    /// Computes result = scale M local and returns local^T M local.
+    /// Computes result = scale M local and returns local^T M local, where local is zero after the
+    /// first registers.
     #[inline(always)]
-    pub fn apply<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(
+        &self,
+        simd: S,
+        registers: usize,
+        scale: f64,
+        local: &[Lanes],
+        result: &mut [Lanes],
+    ) -> Lanes {
         if let Some(half_turn) = &self.half_turn {
-            return half_turn.apply(simd, scale, local, result);
+            return half_turn.apply(simd, registers, scale, local, result);
         }
         match &self.rows {
             Rows::Cells(rows) => rows.apply(simd, scale, local, result),
@@ -268,7 +276,7 @@ impl SingularMassCells {
                     for batch in &self.batches.list[batches.clone()] {
                         let (local, Room { result, .. }) = strips.scratch.split(batch.size());
                         batch.gather(strips.x, local);
-                        form += self.panel(batch).apply(simd, 1.0, local, result);
+                        form += self.panel(batch).apply(simd, batch.registers::<S>(), 1.0, local, result);
                         if is_wanted {
                             batch.scatter(simd, [result], [strips.y]);
                         }

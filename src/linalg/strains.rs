@@ -76,13 +76,14 @@ impl Strains {
         }
     }
 
-    /// Computes result = A local and returns local^T A local.
+    /// Computes result = A local and returns local^T A local, where local is zero after the first
+    /// registers.
     #[inline(always)]
-    pub fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(&self, simd: S, registers: usize, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         match self {
             Strains::Triangles(cells) => cells.apply(simd, local, result),
             Strains::Quadrilaterals(cells) => cells.apply(simd, local, result),
-            Strains::Parallelograms(cells) => cells.apply(simd, local, result),
+            Strains::Parallelograms(cells) => cells.apply(simd, registers, local, result),
         }
     }
 }
@@ -246,7 +247,7 @@ mod tests {
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Lanes {
-            self.0.apply(simd, self.1, self.2)
+            self.0.apply(simd, LANES / S::F64_LANES, self.1, self.2)
         }
     }
 

@@ -122,11 +122,6 @@ pub(crate) fn clear(x: &mut [f64]) {
     }
 }
 
-/// Computes y = x. Where both are 0, nothing is written, as by [`clear`].
-pub(crate) fn copy_or_clear(x: &[f64], y: &mut [f64]) {
-    if is_clear(x) { clear(y) } else { y.copy_from_slice(x) }
-}
-
 /// Largest magnitude of some numbers, and NaN if one is: magnitudes order like their bits, with NaN
 /// last. Vector registers compare signed integers only.
 #[derive(Debug, Clone, Copy, Default)]

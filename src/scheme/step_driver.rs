@@ -15,7 +15,7 @@ use super::feedback::Feedback;
 use super::{StepRecord, System};
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::vectors::{copy_or_clear, dot_of_sum};
+use crate::linalg::vectors::dot_of_sum;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport, StiffnessProduct};
@@ -233,10 +233,10 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         );
     }
 
-    /// Writes the answer to the last step into a record, given the formulas of that step.
+    /// Writes the bounded configuration and the report of the last step into a record, given the
+    /// formulas of that step.
     pub fn report_to(&self, formulas: &impl Formulas<E>, record: &mut StepRecord) {
         self.restrict(formulas, &mut record.admissible);
-        copy_or_clear(&self.reaction, &mut record.reaction);
         record.report = self.report;
     }
 

@@ -63,6 +63,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
         driver.report_to(&first, &mut record);
+        record.reaction.copy_from_slice(&driver.reaction);
         first.update(&mut driver);
         driver.restart_modal_damping(&levels)?;
         levels.store(&record.admissible)?;
@@ -117,16 +118,14 @@ impl<'s, E: Engine> Newmark<'s, E> {
 
 impl<E: Engine> Scheme for Newmark<'_, E> {
     fn advance(&mut self) -> Result<()> {
-        let half = 0.5 * self.record.dt;
-        self.record.begin_step();
-        self.record.add_impulses(half);
+        self.record.step += 1;
         self.levels.shift(&self.driver.x, (self.record.step + 1) as f64 * self.record.dt)?;
         self.levels.force.elastic.into_iter().for_each(|energy| self.driver.note_energy(energy));
         self.driver.solve(&mut self.levels)?;
         self.driver.report_to(&self.levels, &mut self.record);
+        self.record.end_step(&self.driver.reaction);
         self.levels.force.add(self.driver.stiffness_product());
         self.levels.store(&self.record.admissible)?;
-        self.record.add_impulses(half);
         self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)
     }
 
