@@ -36,8 +36,8 @@ enum Places {
     Scattered(Vec<[u32; LANES]>),
 }
 
-/// Shape of a row, whose places are counted from the least one. Most rows of a regular mesh have
-/// the same, which the first cache keeps.
+/// Places of the local dofs of a row, counted from the least place. Most rows of a regular mesh
+/// share one pattern, so that it stays in the first cache.
 #[derive(Debug)]
 struct Pattern {
     /// Lanes in use, and the number of them up to the last one.

@@ -44,8 +44,8 @@ impl Panel {
         }
     }
 
-    /// Computes result = A local and returns local^T A local, where local is zero after the first
-    /// registers.
+    /// Computes result = A local and returns local^T A local. Beyond the given number of registers,
+    /// local is zero.
     #[inline(always)]
     pub fn apply<S: Simd>(&self, simd: S, registers: usize, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         if let Some(strains) = &self.strains {

@@ -82,8 +82,8 @@ impl HalfTurnMass {
         Some(HalfTurnMass { even, odd: is_pair.then_some(odd), factors })
     }
 
-    /// Computes result = scale M local and returns local^T M local, where local is zero after the
-    /// first registers.
+    /// Computes result = scale M local and returns local^T M local. Beyond the given number of
+    /// registers, local is zero.
     #[inline(always)]
     pub fn apply<S: Simd>(
         &self,

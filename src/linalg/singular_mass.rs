@@ -156,8 +156,8 @@ impl MassPanel {
         MassPanel { rows, half_turn }
     }
 
-    /// Computes result = scale M local and returns local^T M local, where local is zero after the
-    /// first registers.
+    /// Computes result = scale M local and returns local^T M local. Beyond the given number of
+    /// registers, local is zero.
     #[inline(always)]
     pub fn apply<S: Simd>(
         &self,
