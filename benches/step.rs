@@ -6,8 +6,8 @@
 //! the plate pressed onto its obstacle. `assembly` and `factor` occur once per run. At the end a
 //! table gives the ratio of steps to solves, by this program and by faer alone, and those of
 //! contact steps and of the main loop to free steps; these are timed in turns, so that other
-//! programs slow all alike. A second table has the mean step of the modal mass, over a flight and
-//! an impact.
+//! programs slow all alike, and the quietest turns count. A second table has the mean step of the
+//! modal mass, over a flight and an impact.
 //! `cargo bench --bench step -- --report` prints the tables alone; words after `--report` choose
 //! the meshes whose names contain one of them.
 
@@ -198,7 +198,9 @@ const COSTS: [(&str, [f64; 3]); 8] = [
 /// Prints the cost of a free step relative to the faster of two solves, of a contact step relative
 /// to a free one, and of the main loop of a run relative to its steps, on the chosen meshes.
 fn costs(is_chosen: impl Fn(&str) -> bool) {
-    println!("least of many, in us; step / solve, contact step / free step, step of a run / free step");
+    println!(
+        "medians of quiet turns, in us; step / solve, contact step / free step, step of a run / free step"
+    );
     println!(
         "{:<13}{:>7}{:>11}{:>11}{:>11}{:>7}{:>11}{:>7}{:>11}{:>7}",
         "mesh", "dt, s", "solve", "faer", "step", "ratio", "contact", "ratio", "run", "ratio"
@@ -220,35 +222,64 @@ const SET_UP_TIME: Duration = Duration::from_secs(15);
 /// of 1e-3 s take a second solve.
 const LEAST_RUNS: u32 = 180;
 
-/// Number of times that a part runs before the next one's turn. The first run warms the caches.
-const RUNS_IN_A_ROW: u32 = 9;
+/// Product of the number of dofs and the number of times that a part runs before the next one's
+/// turn: some milliseconds, within which other programs seldom begin or end. On the finest mesh the
+/// parts take turns run by run.
+const DOFS_IN_A_ROW: usize = 100_000;
 
-/// Number of dofs beyond which no cache holds a factor, so that a first run warms nothing. Parts
-/// take turns run by run there, since other programs seldom rest for the time of nine runs.
-const DOFS_BEYOND_CACHES: usize = 50_000;
+/// Reciprocal of the share of turns that count: those whose parts take least time together, since
+/// other programs slow some parts more than others.
+const QUIETEST: usize = 10;
 
 fn cost(mesh: &str, dt: f64) {
     let mut scene = scene(mesh);
     scene.time.step = dt;
     let clock = Instant::now();
-    let [solve, outside, step, touching] = (0..)
-        .take_while(|turn| *turn < LEAST_SET_UPS || clock.elapsed() < SET_UP_TIME)
-        .map(|_| parts(mesh, &scene))
-        .fold([f64::INFINITY; 4], |least, times| std::array::from_fn(|k| least[k].min(times[k])));
+    let mut turns: Vec<Turn> = (0..)
+        .take_while(|set_up| *set_up < LEAST_SET_UPS || clock.elapsed() < SET_UP_TIME)
+        .flat_map(|_| turns(mesh, &scene))
+        .collect();
+    turns.sort_by(|a, b| a.total().total_cmp(&b.total()));
+    turns.truncate(turns.len().div_ceil(QUIETEST));
+    let of = |value: fn(&Turn) -> f64| median(turns.iter().map(value));
+    let [solve, faer, step, contact] = [of(|t| t.solve), of(|t| t.faer), of(|t| t.step), of(|t| t.contact)];
     let [run, ratio_of_run] = step_in_run(&scene, step);
-    let [solve, outside, step, touching, run] =
-        [solve, outside, step, touching, run].map(|seconds| 1e6 * seconds);
+    let [solve, faer, step, contact, run] = [solve, faer, step, contact, run].map(|seconds| 1e6 * seconds);
     println!(
-        "{mesh:<13}{dt:>7.0e}{solve:>11.2}{outside:>11.2}{step:>11.2}{:>7.2}{touching:>11.2}{:>7.2}{run:>11.2}{:>7.2}",
-        step / solve.min(outside),
-        touching / step,
+        "{mesh:<13}{dt:>7.0e}{solve:>11.2}{faer:>11.2}{step:>11.2}{:>7.2}{contact:>11.2}{:>7.2}{run:>11.2}{:>7.2}",
+        of(|t| t.step / t.solve.min(t.faer)),
+        of(|t| t.contact / t.step),
         ratio_of_run,
     );
 }
 
-/// Sets up a solve, the same by faer alone, a free step and a step in contact, and returns the
-/// shortest time of each, in s.
-fn parts(mesh: &str, scene: &Scene) -> [f64; 4] {
+/// Shortest times of the parts of a step in one turn, in s.
+struct Turn {
+    solve: f64,
+    /// Solve by faer alone.
+    faer: f64,
+    /// Free step.
+    step: f64,
+    /// Step in contact.
+    contact: f64,
+}
+
+impl Turn {
+    fn total(&self) -> f64 {
+        self.solve + self.faer + self.step + self.contact
+    }
+}
+
+/// Returns the median of some values.
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    values[values.len() / 2]
+}
+
+/// Sets up a solve, the same by faer alone, a free step and a step in contact, and times them in
+/// turns.
+fn turns(mesh: &str, scene: &Scene) -> Vec<Turn> {
     let parameters = NewmarkParameters { step: scene.time.step, ..PARAMETERS };
     let model = Model::new(scene).expect("a sound model");
     let sum = Newmark::matrix(&model.system, parameters);
@@ -261,26 +292,28 @@ fn parts(mesh: &str, scene: &Scene) -> [f64; 4] {
 
     let b = &model.start.displacement;
     let (mut x, mut y) = (b.clone(), b.clone());
-    let [mut solve, mut outside, mut step, mut touching] = [f64::INFINITY; 4];
     let clock = Instant::now();
-    let runs = if b.len() > DOFS_BEYOND_CACHES { 1 } else { RUNS_IN_A_ROW };
-    let mut turns = 0..LEAST_RUNS / runs;
-    while turns.next().is_some() || clock.elapsed() < Duration::from_secs(2) {
-        solve = solve.min(seconds(runs, || {
-            x.copy_from_slice(b);
-            let _ = factor.solve(black_box(&mut x));
-        }));
-        outside = outside.min(seconds(runs, || {
-            y.copy_from_slice(b);
-            faer.solve(black_box(&mut y));
-        }));
-        step = step.min(seconds(runs, || free.advance().expect("a sound step")));
-        touching = touching.min(seconds(runs, || contact.advance().expect("a sound step")));
+    let runs = (DOFS_IN_A_ROW / b.len()).max(1) as u32;
+    let least = LEAST_RUNS.div_ceil(runs) as usize;
+    let mut turns = Vec::new();
+    while turns.len() < least || clock.elapsed() < Duration::from_secs(2) {
+        turns.push(Turn {
+            solve: seconds(runs, || {
+                x.copy_from_slice(b);
+                let _ = factor.solve(black_box(&mut x));
+            }),
+            faer: seconds(runs, || {
+                y.copy_from_slice(b);
+                faer.solve(black_box(&mut y));
+            }),
+            step: seconds(runs, || free.advance().expect("a sound step")),
+            contact: seconds(runs, || contact.advance().expect("a sound step")),
+        });
     }
     let largest = x.iter().fold(0.0_f64, |largest, x| largest.max(x.abs()));
     assert!(x.iter().zip(&y).all(|(x, y)| (x - y).abs() <= 1e-6 * largest), "{mesh}: the solves differ");
     assert!(contact.reaction().iter().any(|r| *r != 0.0), "{mesh}: the plate has left its obstacle");
-    [solve, outside, step, touching]
+    turns
 }
 
 /// Number of times that a run and its steps alone are set up, and number of times that they are
@@ -333,12 +366,8 @@ fn step_in_run(scene: &Scene, step: f64) -> [f64; 2] {
         assert_eq!(alone.times.len() as u64, COMPARISONS, "rows of the run");
         times.extend(alone.times);
     }
-    let median = |of: fn(&[f64; 2]) -> f64| {
-        let mut values: Vec<f64> = times.iter().map(of).collect();
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    [median(|[in_run, _]| *in_run) / steps as f64, median(|[in_run, alone]| in_run / alone)]
+    let in_run = median(times.iter().map(|[in_run, _]| *in_run));
+    [in_run / steps as f64, median(times.iter().map(|[in_run, alone]| in_run / alone))]
 }
 
 /// Returns the shortest time of some runs, in s, each short enough to be undisturbed. The first of
