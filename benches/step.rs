@@ -253,7 +253,7 @@ fn cost(mesh: &str, dt: f64) {
     );
 }
 
-/// Shortest times of the parts of a step in one turn, in s.
+/// Times of the parts of a step in one turn, in s: for each part that of its shortest run.
 struct Turn {
     solve: f64,
     /// Solve by faer alone.
