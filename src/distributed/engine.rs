@@ -1,15 +1,19 @@
 //! Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
 
 use super::adder::Adder;
-use super::factor::{DistributedFactor, SystemSolver};
+use super::factor::{DistributedFactor, PetscFactor, SystemSolver};
 use super::hierarchy::Hierarchy;
 use super::part::Part;
 use super::products::{CellOperator, CellProducts};
+use super::replicated::ReplicatedFactor;
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::vectors::dot;
-use crate::linalg::{Engine, Form, LinearCombination, LinearMethod, LinearSolves, Native, RowCoupling};
+use crate::linalg::{
+    Engine, Form, LinearCombination, LinearMethod, LinearSolves, MOST_SPOILT, Native, RowCoupling,
+    precise_entries,
+};
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -198,6 +202,13 @@ impl Distributed {
         matrix.without_triplets()
     }
 
+    /// Factors a sum of forms with twice the digits, in full on each rank. Collective.
+    fn replicated(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
+        let entries = precise_entries(sum, |local| usize::try_from(self.global[local]).ok());
+        let own = self.first..self.first + self.own;
+        ReplicatedFactor::new(&self.context, &entries, own, contact_dofs).map(DistributedFactor::Replicated)
+    }
+
     /// Returns the contributions of this rank's cells to some rows of a linear combination of
     /// forms, given by local dofs: columns in global vectors, ascending, and values.
     fn rows(&self, sum: &LinearCombination, range: Range<usize>) -> Vec<Vec<(Index, f64)>> {
@@ -343,14 +354,27 @@ impl Engine for Distributed {
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
         let linear = SystemSolver::new(&self.context, self.hierarchy.as_ref())?;
+        let is_direct = linear.method() == LinearMethod::Direct;
         let mut matrix = self.symmetric_matrix(sum, matches!(linear, SystemSolver::Subdomains))?;
         matrix.set_positive_definite()?;
         if linear.method() == LinearMethod::Iterative {
             self.prepare_for_algebraic_multigrid(&mut matrix)?;
         }
         let operator = CellOperator::new(&self.products, self.own, sum);
-        let mut factor = DistributedFactor::new(&self.plex, matrix, operator, linear, self.solves.clone())?;
-        factor.set_contact_dofs(contact_dofs)?;
+        let factor = PetscFactor::new(&self.plex, matrix, operator, linear, self.solves.clone());
+        let mut factor = match factor {
+            Err(Error::Singular(_)) if is_direct => return self.replicated(sum, contact_dofs),
+            factor => DistributedFactor::Petsc(Box::new(factor?)),
+        };
+        // How many digits MUMPS loses depends on the kernels of BLAS. What is left may do where a
+        // factor with twice the digits does not fit.
+        if is_direct
+            && !(self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT)
+            && let Ok(factor) = self.replicated(sum, contact_dofs)
+        {
+            return Ok(factor);
+        }
+        self.change_contact_dofs(&mut factor, sum, contact_dofs)?;
         Ok(factor)
     }
 
@@ -379,10 +403,15 @@ impl Engine for Distributed {
     fn change_contact_dofs(
         &self,
         factor: &mut DistributedFactor,
-        _: &LinearCombination,
+        sum: &LinearCombination,
         contact_dofs: &[usize],
     ) -> Result<bool> {
-        factor.set_contact_dofs(contact_dofs)?;
-        Ok(false)
+        match factor {
+            DistributedFactor::Petsc(factor) => factor.set_contact_dofs(contact_dofs).map(|()| false),
+            DistributedFactor::Replicated(_) => {
+                *factor = self.replicated(sum, contact_dofs)?;
+                Ok(true)
+            }
+        }
     }
 }

@@ -4,6 +4,7 @@ use super::cascade::Cascade;
 use super::flexibility::Flexibility;
 use super::hierarchy::Hierarchy;
 use super::products::CellOperator;
+use super::replicated::ReplicatedFactor;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
@@ -36,11 +37,99 @@ enum StoppingCriterion {
     UpTo(f64),
 }
 
+/// Factor of a matrix over all ranks.
+pub enum DistributedFactor {
+    /// Solver of PETSc.
+    Petsc(Box<PetscFactor>),
+    /// Factor that every rank has in full, with twice the digits.
+    Replicated(ReplicatedFactor),
+}
+
+impl DistributedFactor {
+    fn inner(&self) -> &dyn Factor {
+        match self {
+            DistributedFactor::Petsc(factor) => factor.as_ref(),
+            DistributedFactor::Replicated(factor) => factor,
+        }
+    }
+
+    fn inner_mut(&mut self) -> &mut dyn Factor {
+        match self {
+            DistributedFactor::Petsc(factor) => factor.as_mut(),
+            DistributedFactor::Replicated(factor) => factor,
+        }
+    }
+}
+
+impl Factor for DistributedFactor {
+    fn solve(&mut self, x: &mut [f64]) -> Result<()> {
+        self.inner_mut().solve(x)
+    }
+
+    fn solve_roughly(&mut self, x: &mut [f64]) -> Result<bool> {
+        self.inner_mut().solve_roughly(x)
+    }
+
+    fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
+        self.inner_mut().solve_correction(norm, x)
+    }
+
+    fn known_error(&self) -> Option<f64> {
+        self.inner().known_error()
+    }
+
+    fn prefers_pinning(&self) -> bool {
+        self.inner().prefers_pinning()
+    }
+
+    fn max_schur_error(&self) -> f64 {
+        self.inner().max_schur_error()
+    }
+
+    fn has_twice_the_digits(&self) -> bool {
+        self.inner().has_twice_the_digits()
+    }
+
+    fn schur(&self) -> &Mat<f64> {
+        self.inner().schur()
+    }
+
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
+        self.inner_mut().forward_to_schur(b, h)
+    }
+
+    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
+        self.inner_mut().back_substitute(values, x)
+    }
+
+    fn solve_schur(&self, h: &mut [f64]) {
+        self.inner().solve_schur(h);
+    }
+
+    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
+        self.inner_mut().pin(dofs)
+    }
+
+    fn find_contact(
+        &mut self,
+        b: &[f64],
+        bounded: &BoundedDofs,
+        x: &mut [f64],
+        sides: &mut [i8],
+    ) -> Result<bool> {
+        self.inner_mut().find_contact(b, bounded, x, sides)
+    }
+
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.inner_mut().archive(archive)
+    }
+}
+
 /// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
 ///
 /// The Schur complement of the contact dofs is the inverse of their block of A^-1, the
 /// flexibility.
-pub struct DistributedFactor {
+pub struct PetscFactor {
     context: Rc<Context>,
     matrix: Matrix,
     /// Matrix as the cells apply it, which an iteration solves for.
@@ -70,7 +159,7 @@ pub struct DistributedFactor {
     condensed: Vec<f64>,
 }
 
-impl DistributedFactor {
+impl PetscFactor {
     /// Factors a matrix over the dofs of a mesh, by the solver that the options choose.
     /// Collective.
     pub(super) fn new(
@@ -79,7 +168,7 @@ impl DistributedFactor {
         cells: Option<CellOperator>,
         linear: SystemSolver,
         solves: Rc<Cell<LinearSolves>>,
-    ) -> Result<DistributedFactor> {
+    ) -> Result<PetscFactor> {
         let context = plex.context().clone();
         solves.set(LinearSolves { method: linear.method(), ..solves.get() });
         let cells = cells
@@ -91,7 +180,7 @@ impl DistributedFactor {
         let operator = operator(&context, cells.as_ref(), &matrix, &of_solver)?;
         let (solver, levels) = solver(&context, &matrix, operator, linear.hierarchy())?;
         let (right, solution) = (plex.global_vector()?, plex.global_vector()?);
-        Ok(DistributedFactor {
+        Ok(PetscFactor {
             cells,
             solver,
             linear,
@@ -116,11 +205,6 @@ impl DistributedFactor {
     /// Replaces the contact dofs; columns of those that stay are kept.
     pub(super) fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<()> {
         self.flexibility.set(contact_dofs, &mut self.solver)
-    }
-
-    /// Returns the assembled matrix that is factored.
-    pub fn matrix(&self) -> &Matrix {
-        &self.matrix
     }
 
     /// Solves for the right-hand side in x, with pinned dofs or without.
@@ -249,7 +333,7 @@ fn solver(
     Ok((solver, levels))
 }
 
-impl Factor for DistributedFactor {
+impl Factor for PetscFactor {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         self.solve_with(true, StoppingCriterion::Exact, x)
     }

@@ -14,11 +14,13 @@ mod mesh_part;
 mod own_mesh;
 mod part;
 mod products;
+mod replicated;
 
 pub use adder::Adder;
 pub use engine::Distributed;
-pub use factor::DistributedFactor;
+pub use factor::{DistributedFactor, PetscFactor};
 pub use hierarchy::Hierarchy;
 pub use mesh_part::MeshPart;
 pub use own_mesh::sum_at_nodes;
 pub use part::{Part, Refinements, Supports, Tips};
+pub use replicated::ReplicatedFactor;

@@ -54,7 +54,7 @@ pub(crate) use lane_mask::LaneMask;
 pub(crate) use lane_values::Lanes;
 pub use layout::Layout;
 pub use modal::MassModes;
-pub use native::Native;
+pub use native::{Native, PreciseEntry, factor_precise, precise_entries};
 pub use singular_mass::SingularMassCells;
 
 use crate::archive::Archive;

@@ -86,9 +86,15 @@ impl Native {
 
 /// Assembles the lower triangle of a sum of forms over a number of dofs.
 fn assembled(dofs: usize, sum: &LinearCombination) -> Result<SparseColMat<usize, f64>> {
-    let (pattern, values) = lower_triangle(dofs, sum, |scale, form, visit| {
-        form.for_each_lower(|row, column, value| visit(row, column, scale * value));
-    })?;
+    let (pattern, values) = lower_triangle(
+        dofs,
+        |visit| visit_columns(sum, visit),
+        |visit| {
+            for (scale, form) in sum.terms() {
+                form.for_each_lower(|row, column, value| visit(row, column, scale * value));
+            }
+        },
+    )?;
     Ok(SparseColMat::new(pattern, values))
 }
 
@@ -122,9 +128,59 @@ fn assembled_twice(
     dofs: usize,
     sum: &LinearCombination,
 ) -> Result<(SymbolicSparseColMat<usize>, Vec<DoubleDouble>)> {
-    lower_triangle(dofs, sum, |scale, form, visit| {
-        form.for_each_lower_twice(|row, column, value| visit(row, column, value * scale.into()));
-    })
+    lower_triangle(dofs, |visit| visit_columns(sum, visit), |visit| visit_twice(sum, visit))
+}
+
+/// Visits the entries of the cells in the lower triangle of a sum of forms, in double-double
+/// arithmetic.
+fn visit_twice(sum: &LinearCombination, mut visit: impl FnMut(usize, usize, DoubleDouble)) {
+    for (scale, form) in sum.terms() {
+        form.for_each_lower_twice(|row, column, value| visit(row, column, value * (*scale).into()));
+    }
+}
+
+/// Visits the columns of the entries of the cells in the lower triangle of a sum of forms.
+fn visit_columns(sum: &LinearCombination, visit: &mut dyn FnMut(usize)) {
+    for (_, form) in sum.terms() {
+        form.for_each_lower(|_, column, _| visit(column));
+    }
+}
+
+/// Contribution to an entry of a matrix with twice the digits of a double: row, column, and the two
+/// doubles whose sum the value is.
+pub type PreciseEntry = (usize, usize, f64, f64);
+
+/// Returns the contributions of the cells to the lower triangle of a sum of forms, between dofs
+/// with the numbers that `number` gives to those of the cells; dofs without one have no rows.
+pub fn precise_entries(
+    sum: &LinearCombination,
+    number: impl Fn(usize) -> Option<usize>,
+) -> Vec<PreciseEntry> {
+    let mut entries = Vec::new();
+    visit_twice(sum, |row, column, value| {
+        if let (Some(row), Some(column)) = (number(row), number(column)) {
+            entries.push((row.max(column), row.min(column), value.round(), value.rest()));
+        }
+    });
+    entries
+}
+
+/// Factors the symmetric matrix over a number of dofs with these contributions to its lower
+/// triangle, the contact dofs last.
+///
+/// # Errors
+/// Returns the errors of [`Cholesky::new`].
+pub fn factor_precise(dofs: usize, entries: &[PreciseEntry], contact_dofs: &[usize]) -> Result<Cholesky> {
+    let (pattern, values) = lower_triangle(
+        dofs,
+        |visit| entries.iter().for_each(|entry| visit(entry.1)),
+        |visit| {
+            for &(row, column, high, low) in entries {
+                visit(row, column, DoubleDouble::new(high, low));
+            }
+        },
+    )?;
+    Cholesky::twice(pattern, values, contact_dofs)
 }
 
 /// Product y = A x, compiled for the widest vector registers.
@@ -413,19 +469,18 @@ fn add_couplings(couplings: &mut [RowCoupling], dofs: &[Option<usize>], entry: i
     }
 }
 
-/// Assembles the lower triangle of a sum, column by column; `entries_of` visits the weighted
-/// entries of one form.
+/// Assembles a lower triangle, column by column, from contributions to its entries, which both
+/// functions visit in the same order: the first one their columns, the second one also their rows
+/// and values.
 fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     dofs: usize,
-    sum: &LinearCombination,
-    entries_of: impl Fn(f64, &Form, &mut dyn FnMut(usize, usize, V)),
+    visit_columns: impl Fn(&mut dyn FnMut(usize)),
+    visit_entries: impl Fn(&mut dyn FnMut(usize, usize, V)),
 ) -> Result<(SymbolicSparseColMat<usize>, Vec<V>)> {
     // All entries of the cells are first sorted into their columns; those of one row are then added
     // up.
     let mut starts = vec![0; dofs + 1];
-    for (_, form) in sum.terms() {
-        form.for_each_lower(|_, column, _| starts[column + 1] += 1);
-    }
+    visit_columns(&mut |column| starts[column + 1] += 1);
     for column in 0..dofs {
         starts[column + 1] += starts[column];
     }
@@ -436,12 +491,10 @@ fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     })?;
     let mut next = starts.clone();
     let mut entries = vec![(0, V::default()); starts[dofs]];
-    for (scale, form) in sum.terms() {
-        entries_of(*scale, form, &mut |row, column, value| {
-            entries[next[column]] = (row, value);
-            next[column] += 1;
-        });
-    }
+    visit_entries(&mut |row, column, value| {
+        entries[next[column]] = (row, value);
+        next[column] += 1;
+    });
     let (mut columns, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
     for range in starts.windows(2) {
         let column = &mut entries[range[0]..range[1]];

@@ -236,7 +236,7 @@ impl Bounded {
         let factor_error = engine.estimate_factor_error(matrix, &mut factor)?;
         super::require_convergence(factor_error, engine.dofs())?;
         let scale: Vec<f64> = engine.diagonal(matrix)?.iter().map(|a| 1.0 / a.sqrt()).collect();
-        let mut scaled = factor.matrix().duplicate()?;
+        let mut scaled = engine.matrix(matrix)?;
         let mut vector = engine.vector()?;
         vector.set_local(&scale)?;
         scaled.scale_symmetrically(&vector)?;

@@ -30,10 +30,31 @@ pub struct Case {
     /// Maximum run time on an idle machine, in s. A case of more than a minute is ignored unless
     /// requested.
     pub seconds: u32,
+    /// Whether one rank also runs with each kernel that OpenBLAS has for this processor, whose
+    /// roundings differ.
+    pub each_kernel: bool,
+}
+
+/// Kernels of OpenBLAS, one for each set of instructions, that this processor can execute.
+fn kernels() -> Vec<&'static str> {
+    let mut kernels = Vec::new();
+    #[cfg(target_arch = "x86_64")]
+    {
+        let has_avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+        let known = [
+            ("Nehalem", is_x86_feature_detected!("sse4.2")),
+            ("Sandybridge", is_x86_feature_detected!("avx")),
+            ("Haswell", has_avx2),
+            ("Zen", has_avx2),
+            ("SkylakeX", is_x86_feature_detected!("avx512vl") && is_x86_feature_detected!("avx512dq")),
+        ];
+        kernels.extend(known.iter().filter(|(_, runs)| *runs).map(|(name, _)| *name));
+    }
+    kernels
 }
 
 pub const fn case(name: &'static str, ranks: &'static [usize], body: Body) -> Case {
-    Case { name, ranks, arguments: &[], body, expect: Success, seconds: 60 }
+    Case { name, ranks, arguments: &[], body, expect: Success, seconds: 60, each_kernel: false }
 }
 
 /// Returns a case that takes minutes.
@@ -48,9 +69,15 @@ pub fn main(cases: impl Iterator<Item = &'static Case>) -> ExitCode {
     }
     let mut trials = Vec::new();
     for case in cases {
-        for &ranks in case.ranks {
-            let trial = Trial::test(format!("{}::on_{ranks}", case.name), move || parent(case, ranks));
+        let mut add = |name: String, ranks, kernel| {
+            let trial = Trial::test(name, move || parent(case, ranks, kernel));
             trials.push(trial.with_ignored_flag(case.seconds > 60));
+        };
+        for &ranks in case.ranks {
+            add(format!("{}::on_{ranks}", case.name), ranks, None);
+        }
+        for kernel in kernels().into_iter().filter(|_| case.each_kernel) {
+            add(format!("{}::with_{kernel}", case.name), 1, Some(kernel));
         }
     }
     let mut arguments = Arguments::from_args();
@@ -68,7 +95,7 @@ fn child(mut cases: impl Iterator<Item = &'static Case>, name: &str) -> ExitCode
     }
 }
 
-fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
+fn parent(case: &Case, ranks: usize, kernel: Option<&str>) -> std::result::Result<(), Failed> {
     let program = std::env::current_exe()?;
     let Output { status, stdout, stderr } = Command::new("mpirun")
         .args(ON_ONE_MACHINE.split(' '))
@@ -79,6 +106,7 @@ fn parent(case: &Case, ranks: usize) -> std::result::Result<(), Failed> {
         .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
         .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
         .env_remove("PETSC_OPTIONS")
+        .envs(kernel.map(|kernel| ("OPENBLAS_CORETYPE", kernel)))
         .output()?;
     let said = format!("{}{}", String::from_utf8_lossy(&stdout), String::from_utf8_lossy(&stderr));
     let Some(code) = status.code() else { return Err(format!("{status}\n{said}").into()) };

@@ -11,7 +11,10 @@ use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 pub const CASES: &[Case] = &[
-    case("slender_cells_keep_their_promise", &[1, 2], slender_cells_keep_their_promise),
+    Case {
+        each_kernel: true,
+        ..case("slender_cells_keep_their_promise", &[1, 2], slender_cells_keep_their_promise)
+    },
     case("a_start_without_deflection_keeps_its_promise", &[1, 2], a_start_without_deflection),
     long("hard_scenes_keep_their_promise", &[2], hard_scenes_keep_their_promise),
 ];
@@ -56,20 +59,20 @@ fn has_promise(method: &Method) -> bool {
 }
 
 /// Cells are a hundred or a thousand times as long as wide, and their assembled matrix has lost
-/// digits: contact solvers correct their answers. On the flatter cells, only newmark with
-/// quadrilaterals is not refused.
+/// digits: contact solvers correct their answers, and where the factor of MUMPS has none left, one
+/// with twice the digits takes its place. Which it is depends on the kernel; the promises do not.
 fn slender_cells_keep_their_promise(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     let trials = [
         ("flat-cells", ContactSolver::Condensed, false),
         ("flat-cells", ContactSolver::Snes, false),
-        ("flatter-cells", ContactSolver::Condensed, true),
+        ("flatter-cells", ContactSolver::Condensed, false),
     ];
     for (name, vi, refused) in trials {
         let mut scene = hard(name)?;
         scene.time.end = 150.0 * scene.time.step;
         let kept = keeps_its_promise(&context, &scene, vi, refused)?;
-        assert!(kept >= 2, "{name}, {vi:?}: {kept}");
+        assert_eq!(kept, 6, "{name}, {vi:?}");
     }
     Ok(())
 }
@@ -103,9 +106,8 @@ fn hard_scenes_keep_their_promise(arguments: &[String]) -> Result<()> {
     names.sort();
     assert!(names.len() > 30);
     for name in names {
-        // The messages for cells of aspect ratio 1000 and for a clamped plate of a few cells are
-        // tested elsewhere.
-        let refused = ["flatter-cells", "no-inf-sup"].contains(&name.as_str());
+        // The message for a clamped plate of a few cells is tested elsewhere.
+        let refused = name == "no-inf-sup";
         keeps_its_promise(&context, &hard(&name)?, ContactSolver::Condensed, refused)?;
     }
     Ok(())

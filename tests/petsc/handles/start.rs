@@ -17,6 +17,7 @@ pub const CASES: &[Case] = &[
         body: unused_options,
         expect: Success,
         seconds: 60,
+        each_kernel: false,
     },
     Case {
         name: "words_that_are_no_options",
@@ -25,6 +26,7 @@ pub const CASES: &[Case] = &[
         body: words_that_are_no_options,
         expect: Success,
         seconds: 60,
+        each_kernel: false,
     },
     Case {
         name: "panic_of_one_rank",
@@ -33,6 +35,7 @@ pub const CASES: &[Case] = &[
         body: panic_of_one_rank,
         expect: Failure(101, "only rank 1 fails"),
         seconds: 60,
+        each_kernel: false,
     },
     Case {
         name: "killed_rank",
@@ -41,6 +44,7 @@ pub const CASES: &[Case] = &[
         body: killed_rank,
         expect: Failure(137, "exited on signal 9"),
         seconds: 60,
+        each_kernel: false,
     },
     Case {
         name: "error_of_one_rank",
@@ -49,6 +53,7 @@ pub const CASES: &[Case] = &[
         body: error_of_one_rank,
         expect: Failure(3, "rebond: PETSc: only rank 1 fails (rank 1 of "),
         seconds: 60,
+        each_kernel: false,
     },
     Case {
         name: "error_of_all_ranks",
@@ -57,6 +62,7 @@ pub const CASES: &[Case] = &[
         body: error_of_all_ranks,
         expect: Failure(2, "rebond: the same on all"),
         seconds: 60,
+        each_kernel: false,
     },
 ];
 
