@@ -4,8 +4,10 @@ use super::arguments::{SceneArgs, refuse_petsc_options};
 use super::help;
 use super::launch;
 #[cfg(feature = "petsc")]
-use super::ranks::{PATIENCE, ended};
+use super::ranks::{self, PATIENCE, ended};
 use crate::error::{Error, Result};
+#[cfg(feature = "petsc")]
+use crate::output::checkpoint::Identity;
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 #[cfg(feature = "petsc")]
@@ -66,7 +68,7 @@ impl Compare {
     /// Compares on all ranks; an error that only some ranks have ends all.
     #[cfg(feature = "petsc")]
     fn on_petsc(&self, scene: &Scene, contenders: &[Contender]) -> Result<()> {
-        let context = Context::start(&self.scene.petsc)?;
+        let context = ranks::start(&self.scene.petsc, None, &Identity::of(scene)?)?;
         let recover = |error: Error| {
             if context.all_arrive(PATIENCE) { Ok(error) } else { context.fail(&error) }
         };

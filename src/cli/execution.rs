@@ -3,7 +3,7 @@
 use super::arguments::refuse_petsc_options;
 use super::job::Job;
 #[cfg(feature = "petsc")]
-use super::ranks::{ended, in_words};
+use super::ranks::{self, ended, in_words};
 use super::set_up::SetUpTold;
 use super::terminal::Terminal;
 use super::{launch, signal};
@@ -13,8 +13,6 @@ use crate::linalg::Engine;
 use crate::output::checkpoint;
 use crate::output::claim::RunLock;
 use crate::output::run_files::{RecordedRun, RunFiles};
-#[cfg(feature = "petsc")]
-use crate::petsc::Context;
 use crate::scene::EngineName;
 use crate::simulation::{self, Both, Model, SolverFactory};
 use crate::study;
@@ -46,7 +44,7 @@ impl Job {
     /// Runs on all ranks; an error on any of them ends the run on all.
     #[cfg(feature = "petsc")]
     fn on_petsc(self) -> Result<()> {
-        let context = Context::start(&self.run.petsc)?;
+        let context = ranks::start(&self.run.petsc, None, &self.run.identity)?;
         let speaks = context.rank() == 0;
         let run = || {
             let RecordedRun { scene, folder, identity, .. } = &self.run;

@@ -31,6 +31,20 @@ pub(super) fn one_process(what: &str) -> Result<()> {
     }
 }
 
+/// Returns whether this process is the one that prints a text for all, which each of them was asked
+/// for alone.
+///
+/// # Errors
+/// Returns [`Error::Usage`] where some process was asked for something else, and would wait for
+/// this one without end.
+pub fn prints() -> Result<bool> {
+    #[cfg(feature = "petsc")]
+    if size() > 1 {
+        return super::ranks::print_once();
+    }
+    Ok(rank() == 0)
+}
+
 /// Waits for the first process to report an error that all have, and to end the others.
 pub fn wait_turn() {
     let rank = rank() as u64;

@@ -11,8 +11,6 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::Identity;
 use crate::output::claim::RunLock;
-#[cfg(feature = "petsc")]
-use crate::petsc::Context;
 use crate::scene::{EngineName, Scene, SweepSpec};
 #[cfg(not(feature = "petsc"))]
 use crate::simulation::Model;
@@ -152,16 +150,17 @@ impl SweepArgs {
             return Err(Error::Usage("--jobs: on PETSc expected --ranks-per-run, and mpirun -n".into()));
         }
         let (all, ranks) = (launch::size(), self.ranks_per_run.map(NonZeroUsize::get));
+        let identity = Identity::of(scene)?;
         if let Some(ranks) = ranks.filter(|ranks| !all.is_multiple_of(*ranks)) {
             let wrong = format!("--ranks-per-run {ranks} does not divide the number of ranks, {all}");
             return Err(Error::Usage(wrong));
         }
-        let context = Context::start_in_groups(&self.scene.petsc, ranks)?;
+        let context = ranks::start(&self.scene.petsc, ranks, &identity)?;
         let everyone = context.everyone();
         let speaks = everyone.rank() == 0;
         let sweep = || {
             let (folder, hash) = (self.folder(), scene.hash());
-            let lock = speaks.then(|| RunLock::new(&folder, &Identity::of(scene)?)).transpose();
+            let lock = speaks.then(|| RunLock::new(&folder, &identity)).transpose();
             let _lock = everyone.all_ok(lock)?;
             let store = speaks.then(|| SweepStore::open(&folder, &hash, self.overwrite)).transpose();
             let store = everyone.all_ok(store)?;

@@ -71,6 +71,11 @@ impl Identity {
         Some(Identity { scene, mesh: summary["mesh_checksum"].as_u64().map(|sum| sum as u32) })
     }
 
+    /// Returns the hash of the scene; see [`Scene::hash`].
+    pub fn scene(&self) -> &str {
+        &self.scene
+    }
+
     /// Returns the checksum (CRC-32) of the scene's mesh file, if it has one.
     pub fn mesh_checksum(&self) -> Option<u32> {
         self.mesh

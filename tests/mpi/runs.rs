@@ -7,7 +7,7 @@ use crate::common::command::{
 };
 use crate::common::models::literal;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 use std::time::Duration;
 
 /// The paper's plate on a coarse mesh, bent down by its own pressure and pushed further onto an
@@ -296,8 +296,25 @@ fn what_all_ranks_find_wrong_is_said_once() {
         let told = on(&folder, 2, &[asked]);
         assert_eq!((told.status.code(), text(&told.stdout).matches(words).count()), (Some(0), 1));
     }
+    // Ranks with different work would compute parts of different plates, or wait without end.
+    std::fs::write(folder.join("light.toml"), PUSHED.replace("7770", "3885")).unwrap();
+    for (other, part) in [("run light.toml", "scene"), ("run fall.toml --quiet", "command line")] {
+        assert_fails(&beside(&folder, other), 2, &["rank 1", part, "rank 0"]);
+    }
+    assert_fails(&beside(&folder, "--help"), 2, &["rank 1", "scene", "rank 0"]);
     // Only rank 0 writes, so only rank 0 can fail to write.
     assert_fails(&run(2, &["--out", "fall.toml/run"]), 4, &["fall.toml"]);
+}
+
+/// Calls the command on two ranks, of which the second is given other words.
+fn beside(folder: &Path, other: &str) -> Output {
+    let program = env!("CARGO_BIN_EXE_rebond");
+    mpirun(folder, 1, &["run", "fall.toml"])
+        .args([":", "-n", "1", program])
+        .args(other.split(' '))
+        .env("OMPI_MCA_odls_base_sigkill_timeout", "0")
+        .output()
+        .unwrap()
 }
 
 #[test]
