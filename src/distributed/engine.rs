@@ -206,7 +206,8 @@ impl Distributed {
     fn replicated(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
         let entries = precise_entries(sum, |local| usize::try_from(self.global[local]).ok());
         let own = self.first..self.first + self.own;
-        ReplicatedFactor::new(&self.context, &entries, own, contact_dofs).map(DistributedFactor::Replicated)
+        let factor = ReplicatedFactor::new(&self.context, &entries, own, contact_dofs)?;
+        Ok(DistributedFactor::Replicated(Box::new(factor)))
     }
 
     /// Returns the contributions of this rank's cells to some rows of a linear combination of
@@ -368,11 +369,13 @@ impl Engine for Distributed {
         };
         // How many digits MUMPS loses depends on the kernels of BLAS. What is left may do where a
         // factor with twice the digits does not fit.
-        if is_direct
-            && !(self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT)
-            && let Ok(factor) = self.replicated(sum, contact_dofs)
-        {
-            return Ok(factor);
+        if is_direct {
+            let error = self.estimate_factor_error(sum, &mut factor)?;
+            if (error > MOST_SPOILT || error.is_nan())
+                && let Ok(factor) = self.replicated(sum, contact_dofs)
+            {
+                return Ok(factor);
+            }
         }
         self.change_contact_dofs(&mut factor, sum, contact_dofs)?;
         Ok(factor)

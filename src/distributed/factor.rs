@@ -42,21 +42,21 @@ pub enum DistributedFactor {
     /// Solver of PETSc.
     Petsc(Box<PetscFactor>),
     /// Factor that every rank has in full, with twice the digits.
-    Replicated(ReplicatedFactor),
+    Replicated(Box<ReplicatedFactor>),
 }
 
 impl DistributedFactor {
     fn inner(&self) -> &dyn Factor {
         match self {
             DistributedFactor::Petsc(factor) => factor.as_ref(),
-            DistributedFactor::Replicated(factor) => factor,
+            DistributedFactor::Replicated(factor) => factor.as_ref(),
         }
     }
 
     fn inner_mut(&mut self) -> &mut dyn Factor {
         match self {
             DistributedFactor::Petsc(factor) => factor.as_mut(),
-            DistributedFactor::Replicated(factor) => factor,
+            DistributedFactor::Replicated(factor) => factor.as_mut(),
         }
     }
 }
