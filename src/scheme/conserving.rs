@@ -407,10 +407,11 @@ impl<E: Engine> RelaxedStep for LineSearch<'_, '_, '_, E> {
 
 impl<E: Engine> Scheme for Conserving<'_, E> {
     fn advance(&mut self) -> Result<()> {
+        // Before the first step these are the rates of the motions, of which no step tells yet.
+        let frame_rates = self.support_rates()?;
         self.record.begin_step();
         self.record.report = Default::default();
         let dt = self.record.dt;
-        let frame_rates = if self.balances.is_some() { self.support_rates()? } else { Vec::new() };
         if let Some([_, mean]) = &mut self.balances {
             *mean = StepBalance::zero(self.system);
         }

@@ -190,6 +190,31 @@ fn forces_add_up_on_moving_supports_and_under_loads_in_time() {
     }
 }
 
+/// A plate that moves at the constant speed of all its supports feels no force, from the first step
+/// on. On triangles held all around, the singular mass has velocities that no deflection attains.
+#[test]
+fn supports_at_a_constant_speed_exert_no_force() {
+    let support = |edge: &str| {
+        format!("{{ name = \"{edge}\", edge = \"{edge}\", kind = \"clamped\", motion = \"0.2*t\" }}")
+    };
+    let supports = ["left", "right", "bottom", "top"].map(support).join(", ");
+    let rib = "rib = [{ line = [[0, 0.1], [0.9, 0.8]], bending = 0.4, torsion = 0.1, mass = 0.5 }]\n";
+    for method in METHODS.into_iter().filter(|method| method.0 != "exact") {
+        for more in ["", rib] {
+            let step = 1e-3;
+            let text = format!(
+                "{UNIT}{}support = [{supports}]\n{more}initial.velocity = 0.2\n{}output.every = 1\n",
+                grid("hct", 4, 4),
+                time(method, step, 3),
+            );
+            let scene = scene(&text);
+            let most = largest(&force_rows(&scene, &Model::new(&scene).unwrap()).concat());
+            // The momentum of 1 kg at 0.2 m/s, if a step gave it.
+            assert!(most <= ROUNDING * 0.2 / step, "{most:e} N\n{text}");
+        }
+    }
+}
+
 /// Damping by the stiffness and of modes, springs, foundations, masses and supports that move
 /// apart.
 #[test]
