@@ -3,6 +3,7 @@
 
 use crate::common::difference;
 use crate::common::models::{CLAMPED, PAPER_FALL, PAPER_PLATE, PAPER_START};
+use crate::common::scenes;
 use crate::exact::table;
 use rebond::linalg::Engine;
 use rebond::scene::Scene;
@@ -211,4 +212,42 @@ fn no_node_penetrates(name: &str, tables: &str, end: f64) {
     );
     assert!(touched > 20 && most < nodes / 2, "{name}: {touched}, {most}");
     assert!(deepest <= 1e-12 && drift <= 1e-11, "{name}: {deepest:e}, {drift:e}");
+}
+
+/// A damped plate is pressed against a line by its supports, or by the line itself: the energy, of
+/// which the work of what moves is the largest part, tends to that of the midpoint rule. Kicks that
+/// stand for a steady force must not count as damped motion, and the work counts in every step.
+#[test]
+fn damped_plates_that_are_pressed_balance_the_work_of_what_moves() {
+    let energy = |time: &str, damping: &str, [motion, height]: [&str; 2]| {
+        let held = |edge: &str, kind: &str| {
+            format!("{{ edge = \"{edge}\", kind = \"{kind}\", motion = \"{motion}\" }}")
+        };
+        let supports = [held("bottom", "clamped"), held("right", "clamped"), held("top", "simply_supported")];
+        let rows = scenes::run(&format!(
+            "plate = {{ length = 1.768, width = 0.631, thickness = 0.0072, youngs_modulus = 70e9, poissons_ratio = 0.3, \
+             density = 2700 }}\n{}support = [{}]\ndamping = {{ {damping} }}\n\
+             obstacle = [{{ side = \"above\", height = {height}, line = [[1.326, 0], [1.326, 0.631]] }}]\n\
+             time = {{ {time}, mass = \"modal\", modes = 20, end = 0.15 }}\noutput.every = 100\n",
+            scenes::grid("fvs", 4, 4),
+            supports.join(", ")
+        ));
+        rows.last().unwrap().energy - rows[0].energy
+    };
+    let [moving, still] = ["0.0033*sin(23*t)", "0"];
+    for (damping, moves, most) in [
+        ("stiffness = 3e-4", [moving, "0.001"], 0.02),
+        ("stiffness = 3e-4", [moving, "0.001, stiffness = 1e7"], 0.02),
+        ("stiffness = 3e-4", [still, "\"0.001 - 0.0033*sin(23*t)\""], 0.03),
+        ("stiffness = 3e-3", [moving, "0.001"], 0.02),
+        ("mass = 20", [moving, "0.001"], 0.06),
+    ] {
+        let expected = energy("scheme = \"midpoint\", step = 2e-5", damping, moves);
+        let off = [1e-4, 5e-5].map(|step| {
+            let change = energy(&format!("scheme = \"conserving\", step = {step:e}"), damping, moves);
+            (change / expected - 1.0).abs()
+        });
+        println!("{damping}, {moves:?}: {expected} J, off by {off:?}");
+        assert!(off[0] <= most && off[1] <= most, "{damping}, {moves:?}: {expected} J, off by {off:?}");
+    }
 }

@@ -20,9 +20,8 @@ use std::rc::Rc;
 const RANGE: Range<f64> = 0.5..2.0;
 /// Relative change of energy above which a step is relaxed, and at which the search ends.
 const MOVED: f64 = 1e-13;
-/// Relative change of energy up to which a step is taken as it is where the search fails. Most of
-/// such a change is left over from earlier steps, and the shorter a step, the less of it can the
-/// step make up for.
+/// Relative change of energy by a step itself up to which the step is taken as it is where the
+/// search fails. The shorter a step, the less can it make up for what earlier steps have left.
 const LEFT: f64 = 4.0 * MOVED;
 const KEPT: f64 = 4.0 * f64::EPSILON;
 
@@ -100,32 +99,29 @@ impl<E: Engine> ModalScheme<'_, E> {
         waxpy(-1.0, &before.v, &now.v, dv);
         dy.resize(now.y.len(), 0.0);
         waxpy(-1.0, &before.y, &now.y, dy);
-        let plain = is_last.then(|| self.now.clone());
-        let taken = self.relax(next, exchanged)?;
-        Ok(match (taken, plain) {
-            (None, Some(plain)) => {
-                self.now = plain;
-                Some((1.0, 0.0))
-            }
-            _ => taken,
-        })
+        self.relax(next, exchanged, is_last)
     }
 
     /// Finds the step length that keeps the energy, and sets the present state to it. Returns gamma
-    /// and the work of the obstacles over the whole step (J); `None` if no gamma in range does.
+    /// and the work of the obstacles over the whole step (J); `None` if no gamma in range does,
+    /// unless this is the last trial.
     fn relax(
         &mut self,
         next: Option<&Rc<ModalData>>,
         [received, dissipated]: [f64; 2],
+        is_last: bool,
     ) -> Result<Option<(f64, f64)>> {
         let obstacles = next.map_or(0.0, |next| self.obstacle_work(next));
         let (energy, size) = self.excess(received + obstacles - dissipated);
+        let State { reaction, x, y, .. } = &self.before;
+        let rest: f64 = reaction.iter().zip(x.iter().zip(y)).map(|(r, (x, y))| 0.5 * r * (x - y)).sum();
+        let left = energy[0] + rest + self.model.stored_energy(reaction);
         let increments = &self.increments;
         let mut step = ContactStep {
             contact: &mut self.contact,
             model: &self.model,
             now: &mut self.now,
-            y: &self.before.y,
+            y,
             dy: &increments.y,
             from: &self.before.data.near,
             change: next.map(|_| &increments.limits),
@@ -141,7 +137,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             false => root(&mut step, RANGE)?,
         };
         let gamma = match gamma {
-            None if moved.abs() <= LEFT * size => {
+            None if is_last || (moved - left).abs() <= LEFT * size => {
                 step.move_to(1.0)?;
                 Some(1.0)
             }
