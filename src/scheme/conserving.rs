@@ -121,7 +121,8 @@
 //!   `$\Delta t^2 / 8$` times the acceleration);
 //! - the velocity as the rate of U(p) for the linearly interpolated V, so that the momentum is
 //!   interpolated linearly too;
-//! - the energies *of the state at or just after* t, without interpolation;
+//! - the energies *of the state at or just after* t, without interpolation; states whose steps have
+//!   gamma = 1 lie on the grid instants, whatever their rounding errors;
 //! - the impulses of the obstacles from (n - 1) dt to n dt. A step changes the momentum by
 //!   `$\gamma \Delta t\,(F - K U + G^T r)$` at its midpoint, divided among grid intervals in
 //!   proportion to time, so that the impulses add up to the change of the reported momentum;
@@ -131,7 +132,7 @@
 use super::drive::InstantData;
 use super::midpoint::MidpointRule;
 use super::potential::Line;
-use super::relaxation::{RelaxedStep, root};
+use super::relaxation::{RelaxedStep, SAME_TIME, root};
 use super::state::{State, SupportVelocities, change_frame};
 use super::{Approach, Potential, Scheme, Start, StepBalance, StepRecord, System};
 use crate::archive::{Archive, VectorKind};
@@ -157,10 +158,11 @@ const ALL_HALVINGS: usize = 40;
 const MOVED: f64 = 1e-13;
 /// Relative energy error at which the search for gamma ends.
 const KEPT: f64 = 4.0 * f64::EPSILON;
-/// Range of gamma in which a change of energy from rounding alone is corrected.
-const ROUNDING: Range<f64> = 0.9..1.1;
-/// Largest rounding error, relative to the kinetic energy, that is removed by scaling the velocity
-/// where no gamma corrects it (force-free flight). Larger ones are left to later steps.
+/// Range of gamma in which a step without a contact change makes up for earlier ones.
+const STRAIGHT: Range<f64> = 0.9..1.1;
+/// Largest relative change of energy that is rounding where contact does not change. It is removed
+/// by scaling the velocity, since gamma would move the states off the grid instants, on either side
+/// of them; with as little kinetic energy it is left to later steps.
 const ROUNDED: f64 = 1e-10;
 /// Statistics of the relaxation.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -320,6 +322,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
     fn step_on(&mut self, time: f64) -> Result<()> {
         std::mem::swap(&mut self.now, &mut self.before);
         let target = self.start + self.work - self.relaxation.dissipated;
+        let exchanged = self.start.abs().max(self.work.abs()).max(self.relaxation.dissipated);
         let mut halvings = 0;
         loop {
             if halvings == self.rules.len() {
@@ -331,23 +334,25 @@ impl<'s, E: Engine> Conserving<'s, E> {
             line.at(1.0, &mut self.now)?;
             let straight = line.same_piece;
             let range = match halvings {
-                _ if straight => ROUNDING,
+                _ if straight => STRAIGHT,
                 0..MOST_HALVINGS => 0.5..LONGEST,
                 _ => 0.5..LONGEST * f64::exp2(halvings as f64),
             };
             let most = if self.system.drive.varies() { MOST_HALVINGS } else { ALL_HALVINGS };
             let last = straight || halvings == most;
-            let mut search = LineSearch { line: &mut line, target, gamma: 1.0, to: &mut self.now };
+            let mut search = LineSearch { line: &mut line, target, exchanged, gamma: 1.0, to: &mut self.now };
             let [moved, _] = search.excess()?;
+            let size = search.size();
             let mut gamma = Some(1.0);
-            if moved.abs() > MOVED * size(search.to) {
+            if straight && moved.abs() <= ROUNDED * size {
+                if moved.abs() > MOVED * size && moved.abs() <= ROUNDED * self.now.energies.kinetic {
+                    self.now.remove_energy(moved);
+                }
+            } else if moved.abs() > MOVED * size {
                 gamma = root(&mut search, range)?;
                 if gamma.is_none() && last {
                     line.at(1.0, &mut self.now)?;
                     gamma = Some(1.0);
-                    if straight && moved.abs() <= ROUNDED * self.now.energies.kinetic {
-                        self.now.remove_energy(moved);
-                    }
                 }
             }
             self.record.report = self.record.report.and(report).and(line.report);
@@ -372,18 +377,22 @@ impl<'s, E: Engine> Conserving<'s, E> {
     }
 }
 
-/// Returns the sum of the magnitudes of the energies, in J, as the scale of their rounding errors.
-fn size(state: &State) -> f64 {
-    let Energies { kinetic, elastic, work } = state.energies;
-    kinetic + elastic + work.abs()
-}
-
 /// States on the line of a step, with the energy at its start.
 struct LineSearch<'a, 'l, 's, E: Engine> {
     line: &'a mut Line<'l, 's, E>,
     target: f64,
+    /// Largest of the energies that the target is the sum of, in J.
+    exchanged: f64,
     gamma: f64,
     to: &'a mut State,
+}
+
+impl<E: Engine> LineSearch<'_, '_, '_, E> {
+    /// Returns the scale of the rounding errors of the excess, in J.
+    fn size(&self) -> f64 {
+        let Energies { kinetic, elastic, work } = self.to.energies;
+        self.exchanged.max(kinetic + elastic + work.abs())
+    }
 }
 
 impl<E: Engine> RelaxedStep for LineSearch<'_, '_, '_, E> {
@@ -397,7 +406,7 @@ impl<E: Engine> RelaxedStep for LineSearch<'_, '_, '_, E> {
     fn excess(&self) -> Result<[f64; 2]> {
         let [work, dissipated] = self.line.exchange(self.gamma, self.to)?;
         let excess = self.to.energies.total() - (self.target + work - dissipated);
-        Ok([excess, KEPT * size(self.to)])
+        Ok([excess, KEPT * self.size()])
     }
 
     fn slope(&mut self) -> Result<f64> {
@@ -423,7 +432,11 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
             let time = self.time() + self.ahead;
             self.step_on(time)?;
             self.keep_last_balance(time)?;
-            self.add_impulses(self.span.min(-self.ahead));
+            self.ahead += self.span;
+            if self.ahead.abs() <= SAME_TIME * dt {
+                self.ahead = 0.0;
+            }
+            self.add_impulses(self.span - self.ahead.max(0.0));
             let rule = &self.rules[self.last];
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 if self.before.reaction[i] == 0.0 {
@@ -431,7 +444,6 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
                 }
                 self.rates[i] = 2.0 / rule.dt * rule.driver.x[dof];
             }
-            self.ahead += self.span;
         }
         let StepRecord { reaction, impulses, .. } = &mut self.record;
         reaction.copy_from_slice(impulses);

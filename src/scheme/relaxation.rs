@@ -8,6 +8,9 @@ use std::ops::Range;
 /// closes the bracket.
 const MOST_TRIALS: usize = 60;
 
+/// Relative difference of times that is rounding.
+pub(super) const SAME_TIME: f64 = 1e-9;
+
 /// Step from (q, v) by (dq, dv), taken to the state (q + gamma dq, v + gamma dv) for a gamma that
 /// the search changes.
 pub(super) trait RelaxedStep {

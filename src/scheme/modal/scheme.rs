@@ -12,12 +12,10 @@ use crate::linalg::Engine;
 use crate::linalg::lanes::dot;
 use crate::linalg::vectors::axpy;
 use crate::obstacle::Bounds;
+use crate::scheme::relaxation::SAME_TIME;
 use crate::scheme::{Approach, RelaxationStatistics, Scheme, StepBalance, StepRecord};
 use crate::vi::{BoundStatus, ComplianceSolver, StepReport};
 use std::rc::Rc;
-
-/// Relative difference of times that is rounding.
-const SAME_TIME: f64 = 1e-9;
 
 impl<E: Engine> ModalScheme<'_, E> {
     /// Adds the impulses of the reactions of the last step over a duration, in s.
@@ -194,11 +192,11 @@ impl<E: Engine> ModalScheme<'_, E> {
                 false => part,
             };
             self.step_on(time, seconds)?;
-            self.add_impulses(self.span.min(left));
             self.ahead += self.span;
             if self.ahead.abs() <= SAME_TIME * part {
                 self.ahead = 0.0;
             }
+            self.add_impulses(self.span - self.ahead.max(0.0));
         }
         self.show();
         Ok(())
