@@ -13,7 +13,7 @@ use rebond::scheme::{Scheme, StepBalance};
 use rebond::simulation::{self, Model, NamedForce, NodeReaction, Observer, Row};
 
 /// Scheme, mass and parameters of every kind.
-const METHODS: [(&str, &str, &str); 11] = [
+pub const METHODS: [(&str, &str, &str); 11] = [
     ("newmark", "singular", ", restitution = 0.5"),
     ("newmark", "consistent", ", beta = 0.3, restitution = 0.3"),
     ("midpoint", "singular", ""),
@@ -27,7 +27,7 @@ const METHODS: [(&str, &str, &str); 11] = [
     ("midpoint", "modal", ", modes = 9"),
 ];
 
-fn time((scheme, mass, more): (&str, &str, &str), step: f64, steps: u32) -> String {
+pub fn time((scheme, mass, more): (&str, &str, &str), step: f64, steps: u32) -> String {
     let end = step * f64::from(steps);
     format!("time = {{ scheme = \"{scheme}\", mass = \"{mass}\", step = {step:?}, end = {end:?}{more} }}\n")
 }

@@ -24,6 +24,7 @@ mod modal_implicit;
 mod modal_limits;
 mod moving;
 mod period_three_bar;
+mod restored;
 mod ribs;
 mod splitting;
 mod stops;

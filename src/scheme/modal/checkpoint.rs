@@ -81,14 +81,17 @@ impl<E: Engine> ModalScheme<'_, E> {
                 self.add_candidates(near)?;
             }
         }
+        // The start has listed candidates, and deflections are those of listed candidates.
+        self.record.candidates = Some(Vec::new());
+        self.is_listed = false;
+        if is_listed {
+            self.list_candidates();
+        }
         let record = self.record.clone();
         self.show();
         self.record = record;
         if self.newmark_parameters().is_some() {
             self.show_newmark();
-        }
-        if is_listed {
-            self.list_candidates();
         }
         self.is_listed = is_listed;
         Ok(())
