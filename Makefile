@@ -40,7 +40,7 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 # time, and a compiler of the same priority would hold each of them up for milliseconds. It begins
 # when the test programs run and cargo has unlocked the folder of the build.
 	@(sleep 5; nice -n 19 $(MAKE) --no-print-directory lints-native documentation python) > target/meanwhile.log 2>&1 & meanwhile=$$!; \
-	    cargo test --release --locked --tests && cargo test --release --locked --doc; tests=$$?; \
+	    cargo test --release --locked --tests --no-fail-fast && cargo test --release --locked --doc; tests=$$?; \
 	    wait $$meanwhile; lints=$$?; cat target/meanwhile.log; exit $$((tests + lints))
 	$(call say,planted faults)
 	@scripts/planted_faults.py --texts

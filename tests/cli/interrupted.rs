@@ -3,9 +3,10 @@
 
 use crate::common::Random;
 use crate::common::command;
-use crate::common::command::{assert_fails, rebond, succeeds, summary, text};
+use crate::common::command::{assert_fails, rebond, send, succeeds, summary, text};
 use crate::common::models::literal;
 use rebond::output::checkpoint::Checkpoint;
+use rustix::process::Signal;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
@@ -169,21 +170,14 @@ fn runs_of_every_scheme_survive_two_hundred_kills() {
     survives_kills("kills-exact", &EXACT, 200);
 }
 
-/// Sends a signal with the shell's own kill, since a bare system has no other.
-fn send(signal: &str, job: &mut Job) {
-    let kill = format!("kill -{signal} {}", job.process().id());
-    // A command that has ended is not yet waited for, so its process still exists.
-    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
-}
-
 /// Starts a run, sends a signal once it writes, and waits for its end. A run that ended before is
 /// started again, since this test may be delayed on a busy machine.
-fn signalled(folder: &Path, signal: &str, arguments: &[&str]) -> (ExitStatus, String) {
+fn signalled(folder: &Path, signal: Signal, arguments: &[&str]) -> (ExitStatus, String) {
     loop {
         let _ = fs::remove_dir_all(folder.join("run"));
         let mut job = start(folder, arguments);
         while !folder.join("run/history.csv").exists() && !job.has_ended() {}
-        send(signal, &mut job);
+        send(signal, job.process().id());
         let output = job.output();
         if !output.status.success() {
             return (output.status, text(&output.stderr));
@@ -193,8 +187,8 @@ fn signalled(folder: &Path, signal: &str, arguments: &[&str]) -> (ExitStatus, St
 
 #[test]
 fn a_signal_finishes_the_step_and_leaves_a_checkpoint() {
-    for (signal, overrides) in [("INT", &[][..]), ("TERM", &EXACT)] {
-        let folder = folder(&format!("signal-{signal}"));
+    for (signal, overrides) in [(Signal::INT, &[][..]), (Signal::TERM, &EXACT)] {
+        let folder = folder(&format!("signal-{}", signal.as_raw()));
         whole(&folder, overrides);
         // The signal also works without periodic checkpoints.
         let run = ["run", "fall.toml", "--out", "run", "--set", "output.checkpoint_every=100000000"];
@@ -274,7 +268,7 @@ fn damage_is_never_taken_for_a_checkpoint() {
     while newest.metadata().is_ok_and(|newest| newest.len() <= bytes.len() as u64 / 2) {
         assert!(!resumed.has_ended(), "it has ended");
     }
-    send("INT", &mut resumed);
+    send(Signal::INT, resumed.process().id());
     let said = text(&resumed.output().stderr);
     let name = newest.file_name().unwrap().to_str().unwrap();
     assert!(

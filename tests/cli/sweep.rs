@@ -1,7 +1,8 @@
 //! `rebond sweep` as a user calls it: files, messages, interruptions, jobs, pictures.
 
-use crate::common::command::{self, assert_fails, rebond, succeeds, text};
+use crate::common::command::{self, assert_fails, rebond, send, succeeds, text};
 use crate::common::models::literal;
+use rustix::process::Signal;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -137,7 +138,7 @@ fn a_stopped_sweep_says_how_to_go_on() {
     while known() < 2 && job.try_wait().unwrap().is_none() {
         sleep(Duration::from_millis(2));
     }
-    Command::new("kill").args(["-INT", &job.id().to_string()]).status().unwrap();
+    send(Signal::INT, job.id());
     assert_fails(&job.wait_with_output().unwrap(), 130, &["interrupted: ", "of 200000 runs", "goes on"]);
     assert_eq!(table(&folder, "sweeps/fall").lines().count(), known());
 }

@@ -1,6 +1,8 @@
 //! The built command, called as a user calls it: in a folder of its own, in one process or under
 //! mpirun.
 
+use rustix::io::Errno;
+use rustix::process::{Pid, Signal, kill_process};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
@@ -57,6 +59,14 @@ pub fn on(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
 
 pub fn text(bytes: &[u8]) -> String {
     String::from_utf8(bytes.to_vec()).unwrap()
+}
+
+/// Sends a signal to a process, unless it has ended.
+///
+/// No program `kill` is called: a bare system has none.
+pub fn send(signal: Signal, process: u32) {
+    let process = i32::try_from(process).ok().and_then(Pid::from_raw).unwrap();
+    assert!(matches!(kill_process(process, signal), Ok(()) | Err(Errno::SRCH)));
 }
 
 /// Asserts success and returns the standard output.

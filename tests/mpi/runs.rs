@@ -3,11 +3,12 @@
 
 use crate::common::command;
 use crate::common::command::{
-    assert_agree, assert_fails, comparison, history, mpirun, on, rebond, succeeds, summary, text,
+    assert_agree, assert_fails, comparison, history, mpirun, on, rebond, send, succeeds, summary, text,
 };
 use crate::common::models::literal;
+use rustix::process::Signal;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::process::{Output, Stdio};
 use std::time::Duration;
 
 /// The paper's plate on a coarse mesh, bent down by its own pressure and pushed further onto an
@@ -329,9 +330,7 @@ fn a_killed_rank_ends_all() {
     }
     let ranks = children(job.id());
     assert_eq!(ranks.len(), 2);
-    // The shell's own kill is used, since a bare system has no other.
-    let kill = format!("kill -9 {}", ranks[1]);
-    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    send(Signal::KILL, ranks[1]);
     // The run is far from its end, and the time limit of the launcher ends one that hangs.
     assert!(!job.wait().unwrap().success());
     while runs(ranks[0]) {
@@ -360,9 +359,8 @@ fn stopped(
             std::thread::sleep(PAUSE);
         }
         // One rank is asked, and informs the others.
-        if let Some(rank) = children(job.id()).last() {
-            let kill = format!("kill -TERM {rank} 2>/dev/null");
-            Command::new("sh").args(["-c", &kill]).status().unwrap();
+        if let Some(&rank) = children(job.id()).last() {
+            send(Signal::TERM, rank);
         }
         let output = job.wait_with_output().unwrap();
         if !output.status.success() {

@@ -1,10 +1,11 @@
 //! Start, options and ends of PETSc.
 
+use crate::common::command::send;
 use crate::common::ranks::{Case, Failure, Success, case};
 use rebond::communicator::Communicator;
 use rebond::petsc::{Comm, Context, Ksp, Vector};
 use rebond::{Error, Result};
-use std::process::Command;
+use rustix::process::Signal;
 use std::time::Duration;
 
 pub const CASES: &[Case] = &[
@@ -126,10 +127,7 @@ fn panic_of_one_rank(arguments: &[String]) -> Result<()> {
 fn killed_rank(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     if context.rank() == 1 {
-        // The shell's own kill is used, since a bare system has no other.
-        let kill = format!("kill -9 {}", std::process::id());
-        let killed = Command::new("sh").args(["-c", &kill]).status();
-        unreachable!("{killed:?}");
+        send(Signal::KILL, std::process::id());
     }
     context.comm().barrier();
     Ok(())
