@@ -1,5 +1,8 @@
 //! Hash of texts and states, and checksum of files: one of each for the whole program.
 
+use serde::{Deserialize, Serialize};
+use std::io::{self, Read, Write};
+
 /// Start and factor of the 64-bit FNV-1a hash.
 const START: u64 = 0xcbf2_9ce4_8422_2325;
 const FACTOR: u64 = 0x100_0000_01b3;
@@ -64,6 +67,46 @@ pub fn unseal(bytes: &[u8]) -> Option<&[u8]> {
     (checksum(content) == u32::from_le_bytes(*sum)).then_some(content)
 }
 
+/// Beginning of a file: its length in bytes, and the CRC-32 checksum of these bytes. Bytes that are
+/// written to it extend it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Extent {
+    /// Length, in bytes.
+    pub length: u64,
+    /// CRC-32 checksum.
+    pub checksum: u32,
+}
+
+impl Extent {
+    /// Extends the beginning by the bytes that follow.
+    pub fn add(&mut self, bytes: &[u8]) {
+        let mut hasher = crc32fast::Hasher::new_with_initial_len(self.checksum, self.length);
+        hasher.update(bytes);
+        *self = Extent { length: self.length + bytes.len() as u64, checksum: hasher.finalize() };
+    }
+
+    /// Reads the beginning of a file, of the same length or the whole file if it is shorter.
+    ///
+    /// # Errors
+    /// Returns the errors of reading.
+    pub fn read_again(self, file: impl Read) -> io::Result<Extent> {
+        let mut found = Extent::default();
+        io::copy(&mut file.take(self.length), &mut found)?;
+        Ok(found)
+    }
+}
+
+impl Write for Extent {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.add(bytes);
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -82,6 +125,15 @@ mod tests {
         };
         assert_eq!(long(b"a"), 0xd228_cb69_6f1a_8caf_7891_2b70_4e4a_8964);
         assert_eq!(long(b"foobar"), 0x343e_1662_793c_64bf_6f0d_3597_ba44_6f18);
+    }
+
+    #[test]
+    fn a_file_that_grows_has_the_checksum_of_the_whole() {
+        let mut extent = Extent::default();
+        [&b"1234"[..], b"", b"56789"].into_iter().for_each(|bytes| extent.add(bytes));
+        assert_eq!(extent, Extent { length: 9, checksum: 0xcbf4_3926 });
+        assert_eq!(extent.read_again(&b"123456789 and more"[..]).unwrap(), extent);
+        assert_eq!(extent.read_again(&b"1234"[..]).unwrap().length, 4);
     }
 
     #[test]

@@ -6,6 +6,7 @@
 use crate::archive;
 use crate::error::{Error, Result};
 use crate::hash;
+use crate::input;
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 
@@ -66,7 +67,7 @@ impl Motion {
     /// not hold a motion.
     pub fn read(folder: &Path) -> Result<Motion> {
         let path = folder.join(FILE);
-        let bytes = std::fs::read(&path).map_err(Error::io(&path))?;
+        let bytes = input::read(&path, u64::MAX)?;
         Motion::from_bytes(&bytes).map_err(|why| Error::Scene(format!("{}: {why}", path.display())))
     }
 }

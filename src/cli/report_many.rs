@@ -2,6 +2,7 @@
 
 use super::printing::print;
 use crate::error::{Error, Result};
+use crate::input;
 use crate::output::report::{self, ManyRuns, RunTable};
 use crate::output::text::{grouped, significant};
 use crate::output::{plot, write_atomic};
@@ -68,7 +69,7 @@ pub(super) fn of_sweep(folder: &Path) -> Result<()> {
 pub(super) fn of_study(folder: &Path) -> Result<()> {
     let path = folder.join(STUDY);
     let invalid = |what: &str| Error::io(&path)(io::Error::new(io::ErrorKind::InvalidData, what.to_owned()));
-    let bytes = fs::read(&path).map_err(Error::io(&path))?;
+    let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
     let study: Value = serde_json::from_slice(&bytes).map_err(|why| invalid(&why.to_string()))?;
     if study["program"] != env!("CARGO_PKG_NAME") || !study["runs"].is_array() {
         return Err(invalid("not the results of a study of rebond"));

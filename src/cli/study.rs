@@ -4,6 +4,7 @@ use super::arguments::{SceneArgs, refuse_petsc_options};
 use super::help;
 use super::printing::{command_line, print};
 use crate::error::{Error, Result};
+use crate::input;
 use crate::output::summary::write_json;
 use crate::output::write_atomic;
 use crate::output::{claim, remove, report};
@@ -167,7 +168,7 @@ impl Study {
         self.refuse_results(&folder, &hash)?;
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         remove(&folder.join(report::FILE))?;
-        let known = match fs::read(folder.join("study.json")) {
+        let known = match input::read_plain(&folder.join("study.json")) {
             Ok(json) if !self.fresh => Accuracy::stopped(&json, &hash),
             _ => None,
         };
@@ -190,7 +191,7 @@ impl Study {
     /// Refuses a folder with foreign files or, without `--fresh`, the study of another scene.
     fn refuse_results(&self, folder: &Path, hash: &str) -> Result<()> {
         claim::refuse_foreign(folder, "study", "--out", |name| FILES.contains(&name))?;
-        let Ok(bytes) = fs::read(folder.join(FILES[0])) else { return Ok(()) };
+        let Ok(bytes) = input::read_plain(&folder.join(FILES[0])) else { return Ok(()) };
         let known: serde_json::Value = serde_json::from_slice(&bytes).unwrap_or_default();
         if self.fresh || known["scene"] == hash {
             return Ok(());

@@ -7,10 +7,11 @@
 //! leaves its last state in `end.state`, in the same format, from which a run to a later end
 //! continues.
 
-use super::{remove, write_atomic};
+use super::vtu::SnapshotFiles;
+use super::{contacts, events, history, reactions, remove, require_same, write_atomic};
 use crate::archive;
 use crate::error::{Error, Result};
-use crate::hash;
+use crate::hash::{self, Extent};
 use crate::input;
 use crate::motion;
 use crate::scene::{MeshFile, Scene};
@@ -21,7 +22,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Version of the format, increased whenever the data of a checkpoint or their order change.
-const FORMAT: u32 = 10;
+const FORMAT: u32 = 11;
 
 /// Name of the file with the last state of a finished run.
 pub const STATE: &str = "end.state";
@@ -82,19 +83,38 @@ impl Identity {
     }
 }
 
-/// Lengths of the output files of a run at a checkpoint.
+/// Lengths and checksums of the output files of a run at a checkpoint.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Outputs {
-    /// Length of `history.csv`, in bytes.
-    pub history: u64,
-    /// Length of `contacts.csv`, in bytes, if the file exists.
-    pub contacts: Option<u64>,
-    /// Length of `events.csv`, in bytes, if the file exists.
-    pub events: Option<u64>,
-    /// Length of `reactions.csv`, in bytes, if the file exists.
-    pub reactions: Option<u64>,
-    /// Times (s) and files of the snapshots.
-    pub snapshots: Vec<(f64, String)>,
+    /// `history.csv`.
+    pub history: Extent,
+    /// `contacts.csv`, if the file exists.
+    pub contacts: Option<Extent>,
+    /// `events.csv`, if the file exists.
+    pub events: Option<Extent>,
+    /// `reactions.csv`, if the file exists.
+    pub reactions: Option<Extent>,
+    /// Snapshots, by time.
+    pub snapshots: Vec<SnapshotFiles>,
+}
+
+impl Outputs {
+    /// Refuses a run folder whose files are not those of the checkpoint, as far as they go.
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] naming the file.
+    pub(super) fn require_same(&self, folder: &Path) -> Result<()> {
+        let tables = [
+            (history::FILE, Some(self.history)),
+            (contacts::FILE, self.contacts),
+            (events::FILE, self.events),
+            (reactions::FILE, self.reactions),
+        ];
+        let tables = tables.into_iter().filter_map(|(name, written)| Some((name, written?)));
+        let snapshots = self.snapshots.iter().flat_map(|snapshot| &snapshot.files);
+        let snapshots = snapshots.map(|(name, written)| (name.as_str(), *written));
+        tables.chain(snapshots).try_for_each(|(name, written)| require_same(&folder.join(name), written))
+    }
 }
 
 /// Returns the first line of the file.
@@ -177,7 +197,7 @@ impl Checkpoint {
     fn first_whole(folder: &Path, paths: impl Iterator<Item = PathBuf>) -> Result<(Checkpoint, Vec<Error>)> {
         let mut damaged = Vec::new();
         for path in paths {
-            let read = fs::read(&path).map_err(Error::io(&path)).and_then(|bytes| {
+            let read = input::read(&path, u64::MAX).and_then(|bytes| {
                 Checkpoint::from_bytes(&bytes)
                     .map_err(|why| Error::Checkpoint(format!("{}: {why}", path.display())))
             });

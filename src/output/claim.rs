@@ -7,6 +7,7 @@
 use super::checkpoint::{self, Identity};
 use super::{contacts, events, extremes, history, plot, reactions, report, summary, vtu};
 use crate::error::{Error, Result};
+use crate::input;
 use crate::motion;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -67,13 +68,10 @@ impl RunLock {
         fs::create_dir_all(folder).map_err(Error::io(folder))?;
         let path = folder.join(LOCK);
         loop {
-            let mut file = File::options()
-                .create(true)
-                .truncate(false)
-                .read(true)
-                .write(true)
-                .open(&path)
-                .map_err(Error::io(&path))?;
+            let mut options = File::options();
+            let mut file =
+                input::open_plain(options.create(true).truncate(false).read(true).write(true), &path)
+                    .map_err(Error::io(&path))?;
             // Another process that only tests the lock holds it for an instant.
             let looks = std::iter::repeat_n(Duration::from_millis(20), 5);
             let is_ours = |file: &mut File| lock(file, File::try_lock);
@@ -109,10 +107,14 @@ impl Drop for RunLock {
 /// Refuses a folder that another process writes into.
 ///
 /// # Errors
-/// Returns [`Error::Io`] naming that process.
+/// Returns [`Error::Io`] naming that process, or a lock that is no plain file.
 pub fn refuse_running(folder: &Path) -> Result<()> {
     let path = folder.join(LOCK);
-    let Ok(mut file) = File::options().read(true).open(&path) else { return Ok(()) };
+    let mut file = match input::open_plain(File::options().read(true), &path) {
+        Err(why) if why.kind() == io::ErrorKind::InvalidInput => return Err(Error::io(path)(why)),
+        Err(_) => return Ok(()),
+        Ok(file) => file,
+    };
     if lock(&mut file, File::try_lock_shared) { Ok(()) } else { Err(taken(folder, &mut file)) }
 }
 
@@ -176,7 +178,7 @@ pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwri
         )));
     }
     let remedy = "--out DIR names another folder, --overwrite replaces them";
-    match fs::read(folder.join(summary::FILE)) {
+    match input::read_plain(&folder.join(summary::FILE)) {
         Ok(bytes) => {
             let summary: Value = serde_json::from_slice(&bytes).unwrap_or_default();
             if Identity::of_summary(&summary).is_some_and(|of| of == *scene) {
@@ -189,7 +191,8 @@ pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwri
             Err(Error::Usage(format!("{shown} holds the results of another scene{difference}: {remedy}")))
         }
         Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            let cut_off = File::open(folder.join(LOCK)).ok().and_then(|mut file| holder(&mut file));
+            let lock = input::open_plain(File::options().read(true), &folder.join(LOCK));
+            let cut_off = lock.ok().and_then(|mut file| holder(&mut file));
             let is_same = cut_off.is_some_and(|holder| holder.scene == *scene);
             match RESULTS.iter().find(|name| !is_same && folder.join(name).exists()) {
                 None => Ok(()),
@@ -202,11 +205,13 @@ pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwri
     }
 }
 
-/// Refuses a folder with files that the command does not write there; a missing folder passes.
+/// Refuses a folder with files that the command does not write there, or with links, pipes and
+/// devices under the names of those that it writes; a missing folder passes, and a link to a folder
+/// counts as one.
 ///
 /// # Errors
-/// Returns [`Error::Usage`] naming the first such file and the option for another folder, or
-/// [`Error::Io`] where the folder cannot be read.
+/// Returns [`Error::Usage`] naming the first foreign file and the option for another folder, or
+/// [`Error::Io`] where the folder cannot be read, or for what is no plain file.
 pub fn refuse_foreign(
     folder: &Path,
     command: &str,
@@ -219,7 +224,11 @@ pub fn refuse_foreign(
     };
     let mut foreign = Vec::new();
     for entry in entries {
-        let name = entry.map_err(Error::io(folder))?.file_name();
+        let entry = entry.map_err(Error::io(folder))?;
+        let (name, path) = (entry.file_name(), entry.path());
+        if !path.is_dir() {
+            entry.metadata().and_then(|found| input::require_file(&found)).map_err(Error::io(path))?;
+        }
         if !name.to_str().is_some_and(|name| is_own(name) || is_passing(name)) {
             foreign.push(name);
         }

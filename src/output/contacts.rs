@@ -4,9 +4,11 @@
 use super::history::{malformed, number};
 use super::{Lines, remove};
 use crate::error::{Error, Result};
+use crate::hash::Extent;
+use crate::input;
 pub use crate::simulation::Contact;
 use std::fmt::Write as _;
-use std::fs;
+use std::fs::File;
 use std::io;
 use std::path::Path;
 
@@ -31,13 +33,13 @@ impl Contacts {
         Ok(Contacts { lines: Lines::create(folder, FILE, HEADER)? })
     }
 
-    /// Continues the file after its first `length` bytes.
-    pub fn resume(folder: &Path, length: u64) -> Result<Contacts> {
-        Ok(Contacts { lines: Lines::resume(folder, FILE, length)? })
+    /// Continues the file after what it had at a checkpoint.
+    pub fn resume(folder: &Path, written: Extent) -> Result<Contacts> {
+        Ok(Contacts { lines: Lines::resume(folder, FILE, written)? })
     }
 
-    /// Writes all rows to the disk and returns the length of the file, in bytes.
-    pub fn position(&mut self) -> Result<u64> {
+    /// Writes all rows to the disk and returns what the file has.
+    pub fn position(&mut self) -> Result<Extent> {
         self.lines.position()
     }
 
@@ -67,7 +69,7 @@ impl Contacts {
 /// Returns [`Error::Io`] where the file cannot be read or is malformed, with the line.
 pub fn read(folder: &Path) -> Result<Option<Vec<Contact>>> {
     let path = folder.join(FILE);
-    match fs::read_to_string(&path) {
+    match input::open_plain(File::options().read(true), &path).and_then(io::read_to_string) {
         Ok(text) => parse(&text).map(Some).map_err(Error::io(path)),
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(Error::io(path)(error)),

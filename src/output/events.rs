@@ -2,6 +2,7 @@
 
 use super::{Lines, remove};
 use crate::error::Result;
+use crate::hash::Extent;
 use crate::scheme::Event;
 use crate::simulation::NodeEvent;
 use std::fmt::Write as _;
@@ -29,13 +30,13 @@ impl Events {
         Ok(Events { lines: Lines::create(folder, FILE, "time,node,x,y,kind,velocity,reaction")? })
     }
 
-    /// Continues after the first `length` bytes of the file.
-    pub fn resume(folder: &Path, length: u64) -> Result<Events> {
-        Ok(Events { lines: Lines::resume(folder, FILE, length)? })
+    /// Continues after what the file had at a checkpoint.
+    pub fn resume(folder: &Path, written: Extent) -> Result<Events> {
+        Ok(Events { lines: Lines::resume(folder, FILE, written)? })
     }
 
-    /// Writes everything to the disk and returns the length of the file in bytes.
-    pub fn position(&mut self) -> Result<u64> {
+    /// Writes everything to the disk and returns what the file has.
+    pub fn position(&mut self) -> Result<Extent> {
         self.lines.position()
     }
 

@@ -2,6 +2,8 @@
 
 use super::Lines;
 use crate::error::{Error, Result};
+use crate::hash::Extent;
+use crate::input;
 pub use crate::scene::HISTORY_COLUMNS as COLUMNS;
 use crate::scene::ProbeQuantity;
 pub use crate::simulation::Row;
@@ -51,14 +53,14 @@ impl History {
         Ok(History { lines: Lines::create(folder, FILE, &names.join(","))?, columns })
     }
 
-    /// Continues after the first `length` bytes of the file; `columns` are the numbers of columns
+    /// Continues after what the file had at a checkpoint; `columns` are the numbers of columns
     /// of probes and of forces.
-    pub fn resume(folder: &Path, columns: [usize; 2], length: u64) -> Result<Self> {
-        Ok(History { lines: Lines::resume(folder, FILE, length)?, columns })
+    pub fn resume(folder: &Path, columns: [usize; 2], written: Extent) -> Result<Self> {
+        Ok(History { lines: Lines::resume(folder, FILE, written)?, columns })
     }
 
-    /// Writes everything to the disk and returns the length of the file in bytes.
-    pub fn position(&mut self) -> Result<u64> {
+    /// Writes everything to the disk and returns what the file has.
+    pub fn position(&mut self) -> Result<Extent> {
         self.lines.position()
     }
 
@@ -192,7 +194,7 @@ impl Table {
 /// Reads the `history.csv` of a run folder; the error for a malformed file names the line.
 pub fn read(folder: &Path) -> Result<Table> {
     let path = folder.join(FILE);
-    let file = File::open(&path).map_err(Error::io(&path))?;
+    let file = input::open_plain(File::options().read(true), &path).map_err(Error::io(&path))?;
     parse(BufReader::new(file)).map_err(Error::io(path))
 }
 

@@ -38,6 +38,8 @@ pub mod vtu;
 mod vtk_xml;
 
 use crate::error::{Error, Result};
+use crate::hash::Extent;
+use crate::input;
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Seek, SeekFrom, Write};
@@ -57,6 +59,8 @@ const FLUSH_BYTES: usize = 1 << 16;
 struct Lines {
     path: PathBuf,
     file: File,
+    /// What the file has, without the pending lines.
+    written: Extent,
     pending: String,
     flushed: Instant,
 }
@@ -66,35 +70,33 @@ impl Lines {
     fn create(folder: &Path, name: &str, head: &str) -> Result<Lines> {
         fs::create_dir_all(folder).map_err(Error::io(folder))?;
         let path = folder.join(name);
-        let file = File::create(&path).map_err(Error::io(&path))?;
-        let mut lines = Lines { path, file, pending: format!("{head}\n"), flushed: Instant::now() };
+        let mut options = File::options();
+        let file = input::open_plain(options.create(true).truncate(true).write(true), &path);
+        let (file, written) = (file.map_err(Error::io(&path))?, Extent::default());
+        let mut lines = Lines { path, file, written, pending: format!("{head}\n"), flushed: Instant::now() };
         lines.flush()?;
         Ok(lines)
     }
 
-    /// Opens the file of a resumed run and truncates it to its first `length` bytes.
-    fn resume(folder: &Path, name: &str, length: u64) -> Result<Lines> {
+    /// Opens the file of a resumed run and truncates it to what it had at the checkpoint, which
+    /// [`require_same`] has compared.
+    fn resume(folder: &Path, name: &str, written: Extent) -> Result<Lines> {
         let path = folder.join(name);
         let attempt = || -> io::Result<File> {
-            let mut file = File::options().write(true).open(&path)?;
-            let found = file.metadata()?.len();
-            if found < length {
-                let wrong = format!("it has {found} bytes, and had {length} at the checkpoint");
-                return Err(io::Error::new(io::ErrorKind::InvalidData, wrong));
-            }
-            file.set_len(length)?;
+            let mut file = input::open_plain(File::options().write(true), &path)?;
+            file.set_len(written.length)?;
             file.seek(SeekFrom::End(0))?;
             Ok(file)
         };
         let file = attempt().map_err(Error::io(&path))?;
-        Ok(Lines { path, file, pending: String::new(), flushed: Instant::now() })
+        Ok(Lines { path, file, written, pending: String::new(), flushed: Instant::now() })
     }
 
-    /// Writes everything to the disk and returns the length of the file in bytes.
-    fn position(&mut self) -> Result<u64> {
+    /// Writes everything to the disk and returns what the file has.
+    fn position(&mut self) -> Result<Extent> {
         self.flush()?;
-        let synced = self.file.sync_data().and_then(|()| self.file.stream_position());
-        synced.map_err(Error::io(&self.path))
+        self.file.sync_data().map_err(Error::io(&self.path))?;
+        Ok(self.written)
     }
 
     /// Appends a line, without its line break.
@@ -110,6 +112,7 @@ impl Lines {
     /// Passes all lines to the operating system.
     fn flush(&mut self) -> Result<()> {
         let written = self.file.write_all(self.pending.as_bytes());
+        self.written.add(self.pending.as_bytes());
         self.pending.clear();
         self.flushed = Instant::now();
         written.map_err(Error::io(&self.path))
@@ -123,6 +126,24 @@ impl Drop for Lines {
     }
 }
 
+/// Refuses a file of a run that does not begin as it did at a checkpoint.
+///
+/// # Errors
+/// Returns [`Error::Io`] naming the file, also where it cannot be read.
+fn require_same(path: &Path, written: Extent) -> Result<()> {
+    let file = input::open_plain(File::options().read(true), path).map_err(Error::io(path))?;
+    let found = written.read_again(file).map_err(Error::io(path))?;
+    let length = written.length;
+    let wrong = match found.length {
+        less if less < length => format!("it has {less} bytes, and had {length} at the checkpoint"),
+        _ if found != written => {
+            format!("its first {length} bytes are not those that the run wrote before the checkpoint")
+        }
+        _ => return Ok(()),
+    };
+    Err(Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, wrong)))
+}
+
 /// Writes a file whole or not at all.
 ///
 /// The bytes go to a temporary file in the same folder, are written to the disk, and take the name
@@ -131,7 +152,8 @@ impl Drop for Lines {
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
     let temporary = temporary_name(path);
     let attempt = || -> io::Result<()> {
-        let mut file = File::create(&temporary)?;
+        let mut options = File::options();
+        let mut file = input::open_plain(options.create(true).truncate(true).write(true), &temporary)?;
         file.write_all(bytes)?;
         file.sync_all()?;
         fs::rename(&temporary, path)?;

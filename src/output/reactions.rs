@@ -3,6 +3,7 @@
 use super::history::number;
 use super::{Lines, remove};
 use crate::error::Result;
+use crate::hash::Extent;
 pub use crate::simulation::NodeReaction;
 use std::fmt::Write as _;
 use std::path::Path;
@@ -28,13 +29,13 @@ impl Reactions {
         Ok(Reactions { lines: Lines::create(folder, FILE, HEADER)? })
     }
 
-    /// Continues the file after its first `length` bytes.
-    pub fn resume(folder: &Path, length: u64) -> Result<Reactions> {
-        Ok(Reactions { lines: Lines::resume(folder, FILE, length)? })
+    /// Continues the file after what it had at a checkpoint.
+    pub fn resume(folder: &Path, written: Extent) -> Result<Reactions> {
+        Ok(Reactions { lines: Lines::resume(folder, FILE, written)? })
     }
 
-    /// Writes all rows to the disk and returns the length of the file, in bytes.
-    pub fn position(&mut self) -> Result<u64> {
+    /// Writes all rows to the disk and returns what the file has.
+    pub fn position(&mut self) -> Result<Extent> {
         self.lines.position()
     }
 

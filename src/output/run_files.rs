@@ -9,6 +9,7 @@ use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Contents, Series};
 use super::{claim, extremes, plot, remove, report, summary, sweep, write_atomic};
 use crate::error::{Error, Result};
+use crate::hash::Extent;
 use crate::motion::{self, Motion};
 use crate::scene::Scene;
 use crate::simulation::{
@@ -51,14 +52,15 @@ impl ResumedRun {
     /// # Errors
     /// Returns [`Error::Checkpoint`] where there is none, or a file that the scene names has
     /// changed, [`Error::Usage`] for an end that is no later one or while a process runs in the
-    /// folder, and [`Error::Io`] where the folder cannot be read.
+    /// folder, and [`Error::Io`] where the folder cannot be read, or a file of
+    /// results is not the one that the run wrote before the checkpoint.
     pub fn new(folder: PathBuf, until: Option<&str>) -> Result<ResumedRun> {
         claim::refuse_running(&folder)?;
         let (from, damaged) = match until {
             None => Checkpoint::newest(&folder)?,
             Some(_) => Checkpoint::newest_or_last(&folder)?,
         };
-        let Checkpoint { scene: text, scene_file: file, identity, petsc, pause, .. } = from.clone();
+        let Checkpoint { scene: text, scene_file: file, identity, petsc, pause, outputs } = from.clone();
         let read = |overrides: &[String]| Scene::from_str(&text, &file.to_string_lossy(), overrides);
         let mut scene = read(&[])?;
         if Identity::of(&scene)? != identity {
@@ -76,6 +78,7 @@ impl ResumedRun {
                 return Err(Error::Usage(format!("--until {until}: {wrong}; expected a later end")));
             }
         }
+        outputs.require_same(&folder)?;
         let identity = if until.is_some() { Identity::of(&scene)? } else { identity };
         Ok(ResumedRun { run: RecordedRun { scene, file, identity, folder, petsc }, from, damaged })
     }
@@ -184,13 +187,13 @@ impl Tables {
         let columns = [scene.output.probes.len(), scene.force_columns().len()];
         Ok(Tables {
             history: History::resume(folder, columns, history)?,
-            contacts: contacts.map(|length| Contacts::resume(folder, length)).transpose()?,
-            events: events.map(|length| Events::resume(folder, length)).transpose()?,
-            reactions: reactions.map(|length| Reactions::resume(folder, length)).transpose()?,
+            contacts: contacts.map(|written| Contacts::resume(folder, written)).transpose()?,
+            events: events.map(|written| Events::resume(folder, written)).transpose()?,
+            reactions: reactions.map(|written| Reactions::resume(folder, written)).transpose()?,
         })
     }
 
-    /// Returns the lengths of the files on the disk.
+    /// Returns what the files have on the disk.
     fn outputs(&mut self, fields: &Series) -> Result<Outputs> {
         Ok(Outputs {
             history: self.history.position()?,
@@ -239,7 +242,7 @@ impl<'r> RunFiles<'r> {
         Ok(())
     }
 
-    /// Returns a checkpoint of a state with the lengths of the files; `None` on a process that
+    /// Returns a checkpoint of a state with what the files have; `None` on a process that
     /// writes no tables.
     fn checkpoint(&mut self, pause: RunState) -> Result<Option<Checkpoint>> {
         let RecordedRun { scene, file, identity, petsc, .. } = self.run;
@@ -286,11 +289,15 @@ impl Observer for RunFiles<'_> {
         self.fields.write(snapshot)
     }
 
-    fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
+    fn piece(&self) -> Extent {
+        self.fields.last()
+    }
+
+    fn fields_complete(&mut self, step: u64, time: f64, pieces: &[Extent]) -> Result<()> {
         let scene = &self.run.scene;
         let stresses = scene.output.fields.is_some_and(|fields| fields.stresses);
         let contents = Contents { obstacles: scene.has_contact(), stresses };
-        if self.tables.is_some() { self.fields.index(step, time, contents) } else { Ok(()) }
+        if self.tables.is_some() { self.fields.index(step, time, pieces, contents) } else { Ok(()) }
     }
 
     fn envelope(&mut self, envelope: &Envelope) -> Result<()> {

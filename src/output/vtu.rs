@@ -34,7 +34,9 @@
 use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, line, parallel};
 use super::{remove, sweep, write_atomic};
 use crate::error::{Error, Result};
+use crate::hash::Extent;
 use crate::simulation::{Snapshot, SnapshotStresses};
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;
@@ -45,20 +47,30 @@ pub const FILE: &str = "fields.pvd";
 /// Folder of the snapshots in the run folder.
 pub const FOLDER: &str = "fields";
 
+/// Files of a snapshot.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SnapshotFiles {
+    /// Time, in s.
+    pub time: f64,
+    /// Names in the run folder, with what was written. The last file is that of the index.
+    pub files: Vec<(String, Extent)>,
+}
+
 /// Writer of the snapshots of a run, one series per process.
 #[derive(Debug)]
 pub struct Series {
     folder: PathBuf,
     rank: usize,
     ranks: usize,
-    /// Time (s) and file of each snapshot, for the index.
-    times: Vec<(f64, String)>,
+    /// This rank's piece of the last snapshot.
+    last: Extent,
+    snapshots: Vec<SnapshotFiles>,
 }
 
 impl Series {
     /// Creates the series of a rank.
     pub fn new(folder: &Path, rank: usize, ranks: usize) -> Series {
-        Series { folder: folder.to_owned(), rank, ranks, times: Vec::new() }
+        Series { folder: folder.to_owned(), rank, ranks, last: Extent::default(), snapshots: Vec::new() }
     }
 
     /// Returns the rank and the number of ranks.
@@ -66,15 +78,15 @@ impl Series {
         [self.rank, self.ranks]
     }
 
-    /// Continues a series with these snapshots and times (in s), and removes those after `step`.
+    /// Continues a series with these snapshots, and removes those after `step`.
     ///
     /// Only rank 0 calls this.
     ///
     /// # Errors
     /// Returns [`Error::Io`] where a file cannot be removed.
-    pub fn resume(&mut self, snapshots: Vec<(f64, String)>, step: u64) -> Result<()> {
-        self.times = snapshots;
-        if self.times.is_empty() {
+    pub fn resume(&mut self, snapshots: Vec<SnapshotFiles>, step: u64) -> Result<()> {
+        self.snapshots = snapshots;
+        if self.snapshots.is_empty() {
             remove(&self.folder.join(FILE))?;
         } else {
             self.write_index()?;
@@ -87,43 +99,55 @@ impl Series {
         Ok(())
     }
 
-    /// Returns times (in s) and files of the snapshots so far.
-    pub fn snapshots(&self) -> &[(f64, String)] {
-        &self.times
+    /// Returns the snapshots so far.
+    pub fn snapshots(&self) -> &[SnapshotFiles] {
+        &self.snapshots
+    }
+
+    /// Returns what this rank wrote of the last snapshot.
+    pub fn last(&self) -> Extent {
+        self.last
     }
 
     /// Writes this rank's piece of a snapshot, whole or not at all.
     ///
     /// # Errors
     /// Returns [`Error::Io`] where the file cannot be written.
-    pub fn write(&self, snapshot: &Snapshot) -> Result<()> {
+    pub fn write(&mut self, snapshot: &Snapshot) -> Result<()> {
         let folder = self.folder.join(FOLDER);
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-        write_atomic(&folder.join(self.piece(snapshot.step, self.rank)), &grid(snapshot, self.rank))
+        let bytes = grid(snapshot, self.rank);
+        self.last = Extent::default();
+        self.last.add(&bytes);
+        write_atomic(&folder.join(self.piece(snapshot.step, self.rank)), &bytes)
     }
 
-    /// Adds a snapshot to the index once all its pieces are written; only rank 0 calls this.
+    /// Adds a snapshot to the index once all its pieces are written, given what each rank wrote;
+    /// only rank 0 calls this.
     ///
     /// # Errors
     /// Returns [`Error::Io`] where the index cannot be written.
-    pub fn index(&mut self, step: u64, time: f64, contents: Contents) -> Result<()> {
-        let name = match self.ranks {
-            1 => self.piece(step, 0),
-            ranks => {
-                let name = format!("step-{step:09}.pvtu");
-                let pieces: Vec<String> = (0..ranks).map(|rank| self.piece(step, rank)).collect();
-                let list = parallel(&pieces, &contents.point_data(), &contents.cell_data());
-                write_atomic(&self.folder.join(FOLDER).join(&name), list.as_bytes())?;
-                name
-            }
-        };
-        self.times.push((time, format!("{FOLDER}/{name}")));
+    pub fn index(&mut self, step: u64, time: f64, written: &[Extent], contents: Contents) -> Result<()> {
+        let pieces: Vec<String> = (0..self.ranks).map(|rank| self.piece(step, rank)).collect();
+        let in_folder = |name: &String| format!("{FOLDER}/{name}");
+        let mut files: Vec<_> = pieces.iter().map(in_folder).zip(written.iter().copied()).collect();
+        if self.ranks > 1 {
+            let name = in_folder(&format!("step-{step:09}.pvtu"));
+            let list = parallel(&pieces, &contents.point_data(), &contents.cell_data());
+            write_atomic(&self.folder.join(&name), list.as_bytes())?;
+            let mut extent = Extent::default();
+            extent.add(list.as_bytes());
+            files.push((name, extent));
+        }
+        self.snapshots.push(SnapshotFiles { time, files });
         self.write_index()
     }
 
     fn write_index(&self) -> Result<()> {
         let mut index = format!("{HEADER}<VTKFile type=\"Collection\" {DIALECT}>\n<Collection>\n");
-        for (time, file) in &self.times {
+        let files =
+            self.snapshots.iter().filter_map(|snapshot| Some((snapshot.time, snapshot.files.last()?)));
+        for (time, (file, _)) in files {
             line(&mut index, format_args!("<DataSet timestep=\"{time}\" part=\"0\" file=\"{file}\"/>"));
         }
         index += "</Collection>\n</VTKFile>\n";

@@ -2,6 +2,7 @@
 
 use super::{Contact, Envelope, NodeReaction, RunState, Snapshot};
 use crate::error::Result;
+use crate::hash::Extent;
 use crate::motion::Motion;
 use crate::scheme::{Event, Scheme};
 
@@ -73,13 +74,18 @@ pub trait Observer {
         Ok(())
     }
 
+    /// Returns what this process wrote of the last snapshot.
+    fn piece(&self) -> Extent {
+        Extent::default()
+    }
+
     /// Receives the notice that every process has received its part of the snapshot of that step
-    /// and time (s).
+    /// and time (s), with what each wrote.
     ///
     /// # Errors
     /// Returns the same errors as [`Observer::row`].
-    fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
-        let _ = (step, time);
+    fn fields_complete(&mut self, step: u64, time: f64, pieces: &[Extent]) -> Result<()> {
+        let _ = (step, time, pieces);
         Ok(())
     }
 
@@ -158,7 +164,7 @@ impl<F: FnMut(&Row) -> Result<()>> Observer for F {
 }
 
 /// Pair of observers. Both receive everything, the first one first; what fails for the first does
-/// not reach the second.
+/// not reach the second. Only the second may write snapshots.
 pub struct Both<A, B>(pub A, pub B);
 
 impl<A: Observer, B: Observer> Observer for Both<A, B> {
@@ -182,9 +188,13 @@ impl<A: Observer, B: Observer> Observer for Both<A, B> {
         self.1.fields(snapshot)
     }
 
-    fn fields_complete(&mut self, step: u64, time: f64) -> Result<()> {
-        self.0.fields_complete(step, time)?;
-        self.1.fields_complete(step, time)
+    fn piece(&self) -> Extent {
+        self.1.piece()
+    }
+
+    fn fields_complete(&mut self, step: u64, time: f64, pieces: &[Extent]) -> Result<()> {
+        self.0.fields_complete(step, time, pieces)?;
+        self.1.fields_complete(step, time, pieces)
     }
 
     fn envelope(&mut self, envelope: &Envelope) -> Result<()> {

@@ -10,6 +10,7 @@ use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::energy::Guard;
 use crate::error::{Error, Result};
+use crate::hash::Extent;
 use crate::linalg::Engine;
 use crate::scene::Scene;
 use crate::scheme::{Event, Scheme};
@@ -244,8 +245,12 @@ impl<E: Engine> TimeLoop<'_, E> {
         }
         let snapshot = fields.sample(system, self.scheme)?;
         self.tell(|observer| observer.fields(&snapshot));
-        if system.engine.comm().all_reduce_all(self.observed.is_ok()) {
-            self.observed = self.observer.fields_complete(now.step, now.time);
+        let comm = system.engine.comm();
+        let Extent { length, checksum } = self.observer.piece();
+        let pieces = comm.all_gather_one((length, checksum)).into_iter();
+        let pieces: Vec<Extent> = pieces.map(|(length, checksum)| Extent { length, checksum }).collect();
+        if comm.all_reduce_all(self.observed.is_ok()) {
+            self.observed = self.observer.fields_complete(now.step, now.time, &pieces);
         }
         self.monitor.clock.lap(|blocks| &mut blocks.fields);
         Ok(())

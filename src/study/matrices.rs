@@ -2,6 +2,7 @@
 
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
+use crate::input;
 use crate::linalg::{Form, Native};
 use crate::output::{matrix_market, write_atomic};
 use crate::scene::Scene;
@@ -15,7 +16,7 @@ pub const MATRICES: [&str; 10] =
 
 /// Returns whether a folder holds the matrices of a scene: its `scene.toml` is the resolved scene.
 pub fn matrices_are_of(scene: &Scene, folder: &Path) -> bool {
-    std::fs::read(folder.join("scene.toml")).is_ok_and(|bytes| bytes == scene.resolved().as_bytes())
+    input::read_plain(&folder.join("scene.toml")).is_ok_and(|bytes| bytes == scene.resolved().as_bytes())
 }
 
 /// Writes the matrices of a scene, its mesh and the resolved scene into a folder.

@@ -3,13 +3,13 @@
 use super::measures::Measures;
 use super::plan::{Direction, PlannedRun};
 use crate::error::{Error, Result};
+use crate::input;
 use crate::output::summary::write_json;
 use crate::output::write_atomic;
 use crate::scene::Scene;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fmt::Write as _;
-use std::fs;
 use std::io;
 use std::path::Path;
 
@@ -106,7 +106,7 @@ impl SweepReport {
     /// Returns [`Error::Io`] where the file cannot be read or is none of a sweep.
     pub fn read(folder: &Path) -> Result<SweepReport> {
         let path = folder.join(JSON);
-        let bytes = fs::read(&path).map_err(Error::io(&path))?;
+        let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
         serde_json::from_slice(&bytes)
             .map_err(|why| Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, why)))
     }

@@ -9,12 +9,13 @@ use super::prepared_run::CarriedState;
 use super::report::{CSV, JSON, SweepRow};
 use crate::archive;
 use crate::error::{Error, Result};
+use crate::input;
 use crate::output::claim::refuse_foreign;
 use crate::output::{plot, remove, report, write_atomic};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::{ErrorKind, Write as _};
+use std::io::{self, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Name of the file of finished runs.
@@ -44,7 +45,9 @@ impl SweepStore {
         };
         refuse_foreign(folder, "sweep", "--out", is_own)?;
         let path = folder.join(ROWS);
-        let text = match fs::read_to_string(&path) {
+        let read =
+            |path: &Path| input::open_plain(File::options().read(true), path).and_then(io::read_to_string);
+        let text = match read(&path) {
             Ok(text) if !overwrite => text,
             Err(why) if why.kind() != ErrorKind::NotFound => return Err(Error::io(path)(why)),
             _ => String::new(),
@@ -62,12 +65,12 @@ impl SweepStore {
         let mut store = SweepStore {
             known: rows.into_iter().map(|row| (row.index, row)).collect(),
             states: BTreeMap::new(),
-            file: File::options().create(true).append(true).open(&path).map_err(Error::io(&path))?,
+            file: open(&path)?,
             folder: folder.to_owned(),
         };
         let parts = paths_between(folder, "rows-", ".jsonl");
         for (_, part) in parts.iter().filter(|_| !overwrite) {
-            let text = fs::read_to_string(part).map_err(Error::io(part))?;
+            let text = read(part).map_err(Error::io(part))?;
             let rows = rows_of(&text).filter(|(first, _)| *first == head);
             store.known.extend(rows.into_iter().flat_map(|(_, rows)| rows).map(|row| (row.index, row)));
         }
@@ -96,7 +99,7 @@ impl SweepStore {
         let rows = self.known.values().map(line);
         let text: String = std::iter::once(head.to_owned() + "\n").chain(rows).collect();
         write_atomic(&path, text.as_bytes())?;
-        self.file = File::options().append(true).open(&path).map_err(Error::io(&path))?;
+        self.file = open(&path)?;
         Ok(())
     }
 
@@ -108,7 +111,7 @@ impl SweepStore {
     /// Reads the states of the groups. A state without its row was written just before a kill.
     fn read_states(&mut self) -> Result<()> {
         for (group, path) in self.state_paths() {
-            let bytes = fs::read(&path).map_err(Error::io(&path))?;
+            let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
             let saved: (SweepRowBytes, CarriedState) = archive::from_bytes(&bytes)?;
             if let Ok(row) = serde_json::from_slice::<SweepRow>(&saved.0) {
                 self.states.insert(group, (row.index, saved.1));
@@ -156,7 +159,7 @@ impl SweepPart {
     pub fn start(folder: &Path, hash: &str, group: usize) -> Result<SweepPart> {
         let path = folder.join(format!("rows-{group}.jsonl"));
         write_atomic(&path, (head(hash) + "\n").as_bytes())?;
-        let file = File::options().append(true).open(&path).map_err(Error::io(&path))?;
+        let file = open(&path)?;
         Ok(SweepPart { path, file })
     }
 
@@ -167,6 +170,11 @@ impl SweepPart {
     pub fn add(&mut self, row: &SweepRow) -> Result<()> {
         self.file.write_all(line(row).as_bytes()).map_err(Error::io(&self.path))
     }
+}
+
+/// Opens a file of rows, which is created if necessary, to append to it.
+fn open(path: &Path) -> Result<File> {
+    input::open_plain(File::options().create(true).append(true), path).map_err(Error::io(path))
 }
 
 /// Returns the first line of a file of rows, for the scene with this hash.

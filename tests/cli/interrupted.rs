@@ -6,6 +6,7 @@ use crate::common::command;
 use crate::common::command::{assert_fails, rebond, send, succeeds, summary, text};
 use crate::common::models::literal;
 use rebond::output::checkpoint::Checkpoint;
+use rebond::output::run_files::ResumedRun;
 use rustix::process::Signal;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -319,6 +320,30 @@ fn outputs_that_have_lost_bytes_are_not_gone_on_with() {
     fs::write(run.join("history.csv"), "step,time\n").unwrap();
     assert_fails(&rebond(&folder, &["resume", "run"]), 4, &["history.csv: it has 10 bytes, and had "]);
     assert_eq!(checkpoints(&run), before);
+}
+
+/// Whatever has changed before the checkpoint is noticed: a digit, a letter, a file that is gone.
+#[test]
+fn results_before_the_checkpoint_are_those_of_the_run() {
+    let folder = folder("changed");
+    let run = unfinished(&folder);
+    let snapshot = "fields/step-000000000.vtu";
+    let refuses = |name: &str, words: &str| {
+        let said = ResumedRun::new(run.clone(), None).unwrap_err().to_string();
+        assert!(said.contains(&format!("{name}: ")) && said.contains(words), "{said}");
+    };
+    for name in ["history.csv", "contacts.csv", snapshot] {
+        let bytes = fs::read(run.join(name)).unwrap();
+        let mut changed = bytes.clone();
+        changed[20] ^= 1;
+        fs::write(run.join(name), changed).unwrap();
+        refuses(name, "bytes are not those that the run wrote before the checkpoint");
+        fs::write(run.join(name), bytes).unwrap();
+    }
+    ResumedRun::new(run.clone(), None).unwrap();
+    fs::remove_file(run.join(snapshot)).unwrap();
+    refuses(snapshot, "No such file");
+    assert_fails(&rebond(&folder, &["resume", "run"]), 4, &[snapshot]);
 }
 
 #[test]

@@ -3,8 +3,10 @@
 use crate::common::command;
 use crate::common::command::{assert_fails, rebond, succeeds};
 use crate::common::models::{CLAMPED, PAPER_SECTION, literal};
+use rustix::fs::{CWD, Mode, mkfifoat};
 use std::collections::BTreeMap;
 use std::fs;
+use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
 const SCENE: &str = concat!(
@@ -156,4 +158,43 @@ fn a_refusal_leaves_no_folder_and_resume_no_history() {
     fs::create_dir(folder.join("empty")).unwrap();
     assert_refused(&folder, "empty", &["resume", "empty"], 4, &["empty: no checkpoint"]);
     assert!(!folder.join("some").exists() && files(&folder.join("empty")).is_empty());
+}
+
+/// A link is not followed, so that no other file is overwritten, and no pipe is waited for.
+#[cfg(unix)]
+#[test]
+fn links_and_pipes_in_a_folder_are_refused() {
+    let folder = folder("links");
+    let run = folder.join("run");
+    succeeds(&rebond(&folder, &RUN));
+    let sweep = ["sweep", "fall.toml", "--quiet", "--over", "plate.width=0.3,0.4", "--period", "1e-3"];
+    fs::create_dir_all(folder.join("sweeps/fall")).unwrap();
+    fs::write(folder.join("letter.txt"), "mine").unwrap();
+    let overwrite = [&RUN[..], &["--overwrite"]].concat();
+    let [again, resume] = [&overwrite[..], &["resume", "run", "--until", "4e-3"]];
+    for (name, command) in [
+        (run.join(".lock"), again),
+        (run.join(".lock"), resume),
+        (run.join("history.csv"), again),
+        (run.join("history.csv"), resume),
+        (run.join("summary.json"), again),
+        (folder.join("sweeps/fall/.lock"), &sweep),
+        (folder.join("sweeps/fall/rows.jsonl"), &sweep),
+    ] {
+        let before = fs::read(&name);
+        let _ = fs::remove_file(&name);
+        let file = name.strip_prefix(&folder).unwrap().to_str().unwrap();
+        mkfifoat(CWD, &name, Mode::RUSR | Mode::WUSR).unwrap();
+        assert_fails(
+            &rebond(&folder, command),
+            4,
+            &[&format!("{file}: a device, pipe or socket; expected a file")],
+        );
+        fs::remove_file(&name).unwrap();
+        symlink(folder.join("letter.txt"), &name).unwrap();
+        assert_fails(&rebond(&folder, command), 4, &[&format!("{file}: a symbolic link; expected a file")]);
+        fs::remove_file(&name).unwrap();
+        before.into_iter().for_each(|bytes| fs::write(&name, bytes).unwrap());
+    }
+    assert_eq!(fs::read(folder.join("letter.txt")).unwrap(), b"mine");
 }
