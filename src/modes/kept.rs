@@ -99,26 +99,60 @@ pub(crate) fn kept_basis<E: Engine>(
         None => Ok((compute()?, None)),
         Some(store) => {
             let key = key(engine, [stiffness, mass], range, mechanism)?;
-            Ok((basis_of(&*store, key, compute)?, Some(key)))
+            let holds = |basis: &ModalBasis| agrees(engine, [stiffness, mass], basis);
+            Ok((basis_of(&*store, key, holds, compute)?, Some(key)))
         }
     }
 }
 
-/// Returns the basis of a key from a store, or computes it and writes it to the store.
+/// Largest relative difference of a kept square frequency and the quotient of Rayleigh of its shape,
+/// and of a kept momentum and the product of mass and shape: either is rounding.
+const AGREES: f64 = 1e-6;
+
+/// Returns whether modes agree with the matrices: `$\phi^T K \phi = \omega^2 \phi^T M \phi$` and unit
+/// modal mass for each mode, which costs one product with either matrix.
+///
+/// The checksum of a file tells only that it is what somebody wrote.
+fn agrees<E: Engine>(engine: &E, [stiffness, mass]: [&Form; 2], basis: &ModalBasis) -> Result<bool> {
+    if basis.shapes.nrows() != engine.dofs() {
+        return Ok(false);
+    }
+    let mut product = vec![0.0; engine.dofs()];
+    for (j, &square) in basis.squares.iter().enumerate() {
+        let shape = basis.shapes.col_as_slice(j);
+        let energy = engine.multiply(stiffness, shape, &mut product)?;
+        let modal_mass = engine.multiply(mass, shape, &mut product)?;
+        let size = product.iter().fold(0.0, |most: f64, entry| most.max(entry.abs()));
+        let momentum = basis.momenta.col_as_slice(j).iter().zip(&product);
+        // An eigenvalue of a rigid motion is exactly 0, and its energy is rounding.
+        let scale = if square == 0.0 { basis.next } else { square };
+        let close = (energy - square * modal_mass).abs() <= AGREES * scale
+            && (modal_mass - 1.0).abs() <= AGREES
+            && momentum.into_iter().all(|(kept, entry)| (kept - entry).abs() <= AGREES * size);
+        if !close {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+/// Returns the basis of a key from a store where it is there and holds, or computes it and writes
+/// it to the store.
 fn basis_of(
     store: &dyn BasisStore,
     key: u128,
+    holds: impl FnOnce(&ModalBasis) -> Result<bool>,
     compute: impl FnOnce() -> Result<ModalBasis>,
 ) -> Result<ModalBasis> {
     let name = file_name(key);
     let size = |basis: &ModalBasis| KeptSize { columns: basis.squares.len(), dofs: basis.shapes.nrows() };
     if let Some(bytes) = store.read(KeptKind::Modes, &name) {
         match from_bytes(&bytes, key) {
-            Some(basis) => {
+            Some(basis) if holds(&basis)? => {
                 store.accept(KeptKind::Modes, &name, size(&basis), &bytes);
                 return Ok(basis);
             }
-            None => store.reject(KeptKind::Modes, &name),
+            _ => store.reject(KeptKind::Modes, &name),
         }
     }
     let basis = compute()?;
@@ -292,7 +326,8 @@ mod tests {
         let ask = |stiffness: &[f64], range, mechanism| {
             let [k, m] = &springs(&engine, stiffness);
             let key = key(&engine, [k, m], range, mechanism).unwrap();
-            basis_of(&shelf, key, || lowest_basis(&engine, k, m, range, mechanism)).unwrap()
+            let holds = |basis: &ModalBasis| agrees(&engine, [k, m], basis);
+            basis_of(&shelf, key, holds, || lowest_basis(&engine, k, m, range, mechanism)).unwrap()
         };
         let counts = || *shelf.counts.lock().unwrap();
         let first = ask(&stiffness, ModeRange::Count(5), false);
@@ -328,8 +363,23 @@ mod tests {
 
         let shelf = Shelf::default();
         shelf.files.lock().unwrap().insert(format!("{:032x}", 7), bytes[..100].to_vec());
-        assert_eq!(bits(&basis_of(&shelf, 7, compute).unwrap()), bits(&basis));
+        let holds = |basis: &ModalBasis| agrees(&engine, [k, m], basis);
+        assert_eq!(bits(&basis_of(&shelf, 7, holds, compute).unwrap()), bits(&basis));
         assert_eq!(*shelf.counts.lock().unwrap(), [1, 0, 1]);
         assert_eq!(shelf.files.lock().unwrap()[&format!("{:032x}", 7)], bytes);
+
+        // Wrong numbers with a right checksum are noticed too, in each mode.
+        type Change = fn(&mut ModalBasis, usize);
+        let changes: [Change; 3] = [
+            |basis, j| basis.squares[j] *= 1.3,
+            |basis, j| basis.shapes[(j, j)] += 1e-3,
+            |basis, j| basis.momenta[(j, j)] += 1e-3,
+        ];
+        for (change, j) in changes.into_iter().flat_map(|change| [(change, 0), (change, 1)]) {
+            let mut wrong = basis.clone();
+            change(&mut wrong, j);
+            let wrong = from_bytes(&to_bytes(&wrong, 7), 7).unwrap();
+            assert!(!agrees(&engine, [k, m], &wrong).unwrap());
+        }
     }
 }

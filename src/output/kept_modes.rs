@@ -1,17 +1,20 @@
 //! Files `modes-*.bin` and `compliance-*.bin` of a cache folder: natural modes, and the compliance
 //! that they leave, kept between runs.
 //!
-//! A file is written completely or not at all, so that several processes may share the folder.
+//! A file is written completely or not at all, so that several processes may share the folder. Its
+//! numbers become results, so that the folder and each file must belong to the user or the
+//! superuser, and nobody else may write there: otherwise nothing is read, and a line says so.
 //! When its files exceed a limit, those that were not used for the longest time are removed. A file
 //! that cannot be read or written is a matter for a warning: its content is computed then.
 
 use super::text::grouped;
-use super::write_atomic;
+use super::write_private;
 use crate::error::Error;
+use crate::input;
 use crate::modes::{BasisStore, KeptKind, KeptSize};
 use std::ffi::OsString;
-use std::fs::{self, File};
-use std::io::ErrorKind;
+use std::fs::{self, DirBuilder, File, Metadata};
+use std::io::{self, ErrorKind, Read};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::SystemTime;
@@ -99,6 +102,33 @@ impl KeptModes {
     }
 }
 
+/// Refuses what another user has written, or might have.
+#[cfg(unix)]
+fn require_trusted(found: &Metadata) -> io::Result<()> {
+    use std::os::unix::fs::MetadataExt;
+    let wrong = if ![0, rustix::process::geteuid().as_raw()].contains(&found.uid()) {
+        "it belongs to another user"
+    } else if found.mode() & 0o022 != 0 {
+        "others may write to it; `chmod go-w` changes that"
+    } else {
+        return Ok(());
+    };
+    Err(io::Error::new(ErrorKind::PermissionDenied, wrong))
+}
+
+#[cfg(not(unix))]
+fn require_trusted(_: &Metadata) -> io::Result<()> {
+    Ok(())
+}
+
+/// Creates a folder where it is missing, which nobody else may write to.
+fn create_folder(folder: &Path) -> io::Result<()> {
+    let mut builder = DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o755);
+    builder.recursive(true).create(folder)
+}
+
 /// Returns whether a name is that of a kept file, or of a temporary file for one.
 fn is_ours(name: &str) -> bool {
     let (name, end) = name.strip_prefix('.').map_or((name, ".bin"), |hidden| (hidden, ".tmp"));
@@ -124,11 +154,21 @@ fn told(kind: KeptKind, size: KeptSize, what: &str, path: &Path, bytes: &[u8]) -
 impl BasisStore for KeptModes {
     fn read(&self, kind: KeptKind, name: &str) -> Option<Vec<u8>> {
         let path = self.path(kind, name);
-        match fs::read(&path) {
+        let read = |path: &Path| -> io::Result<Vec<u8>> {
+            let mut file = input::open_plain(File::options().read(true), path)?;
+            require_trusted(&file.metadata()?)?;
+            let mut bytes = Vec::new();
+            file.read_to_end(&mut bytes)?;
+            Ok(bytes)
+        };
+        let trusted = fs::metadata(&self.folder).and_then(|found| require_trusted(&found));
+        let bytes =
+            trusted.map_err(|why| (&self.folder, why)).and_then(|()| read(&path).map_err(|why| (&path, why)));
+        match bytes {
             Ok(bytes) => Some(bytes),
-            Err(why) if matches!(why.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => None,
-            Err(why) => {
-                self.warn(kind, "read from", &Error::io(&path)(why));
+            Err((_, why)) if matches!(why.kind(), ErrorKind::NotFound | ErrorKind::NotADirectory) => None,
+            Err((path, why)) => {
+                self.warn(kind, "read from", &Error::io(path)(why));
                 None
             }
         }
@@ -141,8 +181,8 @@ impl BasisStore for KeptModes {
         }
         let _alone = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         self.make_room(length);
-        let created = fs::create_dir_all(&self.folder).map_err(Error::io(&self.folder));
-        match created.and_then(|()| write_atomic(&path, bytes)) {
+        let created = create_folder(&self.folder).map_err(Error::io(&self.folder));
+        match created.and_then(|()| write_private(&path, bytes)) {
             Ok(()) => self.say(told(kind, size, "kept in", &path, bytes)),
             Err(why) => self.warn(kind, "written to", &why),
         }
@@ -151,8 +191,8 @@ impl BasisStore for KeptModes {
     fn accept(&self, kind: KeptKind, name: &str, size: KeptSize, bytes: &[u8]) {
         let path = self.path(kind, name);
         // A folder that others own may still be read.
-        let _ =
-            File::options().append(true).open(&path).and_then(|file| file.set_modified(SystemTime::now()));
+        let file = input::open_plain(File::options().append(true), &path);
+        let _ = file.and_then(|file| file.set_modified(SystemTime::now()));
         self.say(told(kind, size, "read from", &path, bytes));
     }
 

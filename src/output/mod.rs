@@ -41,7 +41,7 @@ use crate::error::{Error, Result};
 use crate::hash::Extent;
 use crate::input;
 use std::ffi::OsString;
-use std::fs::{self, File};
+use std::fs::{self, File, OpenOptions};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -150,9 +150,20 @@ fn require_same(path: &Path, written: Extent) -> Result<()> {
 /// in one atomic step. Neither a reader nor an interrupted run sees a part of the file. On failure
 /// the temporary file is removed, and the file that had the name before stays.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_whole(path, bytes, &mut File::options())
+}
+
+/// Writes a file like [`write_atomic`], which nobody else may write to.
+fn write_private(path: &Path, bytes: &[u8]) -> Result<()> {
+    let mut options = File::options();
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o644);
+    write_whole(path, bytes, &mut options)
+}
+
+fn write_whole(path: &Path, bytes: &[u8], options: &mut OpenOptions) -> Result<()> {
     let temporary = temporary_name(path);
-    let attempt = || -> io::Result<()> {
-        let mut options = File::options();
+    let mut attempt = || -> io::Result<()> {
         let mut file = input::open_plain(options.create(true).truncate(true).write(true), &temporary)?;
         file.write_all(bytes)?;
         file.sync_all()?;

@@ -145,6 +145,57 @@ fn damaged_modes_are_ignored_with_a_warning_and_written_again() {
     }
 }
 
+/// A file that somebody else may have written is not read, whatever it holds, nor is a folder of
+/// that kind; and modes with a right checksum that are none of the matrices are not used.
+#[cfg(unix)]
+#[test]
+fn modes_of_others_and_wrong_ones_are_not_believed() {
+    use std::os::unix::fs::PermissionsExt;
+    let folder = folder("others");
+    run(&folder, "first", &[]);
+    let [file] = &kept(&folder)[..] else { panic!("{:?}", kept(&folder)) };
+    let whole = fs::read(file).unwrap();
+    let wrong = |first: usize, factor: f64| {
+        let mut bytes = whole[..whole.len() - 4].to_vec();
+        for number in bytes[first..first + 8 * 15].as_chunks_mut::<8>().0 {
+            *number = (factor * f64::from_le_bytes(*number)).to_le_bytes();
+        }
+        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
+        bytes
+    };
+    // The squared frequencies follow the first line, the key and four counts.
+    let start = whole.iter().position(|byte| *byte == b'\n').unwrap() + 1 + 16 + 32;
+    fs::write(file, wrong(start, 1.3)).unwrap();
+    let said = run(&folder, "again", &[]);
+    assert!(said.contains("damaged; the modes are computed and written again"), "{said}");
+    assert_eq!(fs::read(file).unwrap(), whole);
+    assert_same(&folder, "first", "again");
+
+    let place = folder.join("kept");
+    for (path, mode, words) in [
+        (file, 0o664, "others may write to it"),
+        (file, 0o646, "others may write to it"),
+        (&place, 0o775, "others may write to it"),
+        (&place, 0o1777, "others may write to it"),
+    ] {
+        let before = fs::metadata(path).unwrap().permissions();
+        fs::set_permissions(path, fs::Permissions::from_mode(mode)).unwrap();
+        let said = run(&folder, "again", &[]);
+        let line = format!("warning: modes are not read from the cache: {}: {words}", path.display());
+        assert!(said.contains(&line) && !said.contains("modes: 15 of 54 dofs, read"), "{said}");
+        assert_same(&folder, "first", "again");
+        fs::set_permissions(path, before).unwrap();
+    }
+    // Only the superuser can give files away.
+    for path in [file, &place] {
+        if std::os::unix::fs::chown(path, Some(12345), None).is_ok() {
+            let said = run(&folder, "again", &[]);
+            assert!(said.contains("it belongs to another user"), "{said}");
+            std::os::unix::fs::chown(path, Some(0), None).unwrap();
+        }
+    }
+}
+
 /// A run up to 0.03 s comes near no obstacle, one to the end touches with the tip, and one over a
 /// high obstacle with further nodes.
 #[test]
