@@ -56,5 +56,14 @@ pub(crate) fn area(vertices: &[Point]) -> f64 {
 
 /// Formats points as `(0, 0), (1, 0), (0, 1)`.
 pub(crate) fn list(points: &[Point]) -> String {
-    points.iter().map(|p| format!("({}, {})", p.x, p.y)).collect::<Vec<_>>().join(", ")
+    points.iter().map(|&point| place(point)).collect::<Vec<_>>().join(", ")
+}
+
+/// Formats a point as `(0.3, 1e30)`: all digits, with an exponent instead of many zeros.
+pub(crate) fn place(point: impl Into<[f64; 2]>) -> String {
+    let [x, y] = point.into().map(|coordinate| {
+        let text = format!("{coordinate:?}");
+        text.strip_suffix(".0").map_or(text.clone(), str::to_owned)
+    });
+    format!("({x}, {y})")
 }
