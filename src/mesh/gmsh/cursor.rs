@@ -142,6 +142,12 @@ impl<'a> Cursor<'a> {
         }
     }
 
+    /// Returns whether a text in double quotes comes next.
+    pub fn is_before_quote(&mut self) -> bool {
+        self.skip_blanks();
+        self.bytes.get(self.at) == Some(&b'"')
+    }
+
     /// Reads the name of the next section, with its position; `None` at the end of the file.
     pub fn section(&mut self) -> Result<Option<(&'a str, usize)>> {
         let Some(word) = self.next_word() else { return Ok(None) };

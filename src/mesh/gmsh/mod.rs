@@ -94,7 +94,6 @@ impl Sections<'_> {
         self.require_apart(&mesh, import)?;
         self.add_edges(&mut mesh, &numbers)?;
         self.add_points(&mut mesh, &numbers)?;
-        self.require_members()?;
         mesh.check().map_err(|error| self.cursor.fault_of_file(error))?;
         Ok(mesh)
     }
@@ -104,27 +103,6 @@ impl Sections<'_> {
         self.blocks.iter().filter(some)
     }
 
-    /// Checks that each named group has an element, except for volumes.
-    fn require_members(&self) -> Result<()> {
-        let groups = |dimension| {
-            self.blocks_of(dimension)
-                .flat_map(move |block| block.groups.iter().map(move |&group| (dimension, group)))
-        };
-        let inhabited: HashSet<(usize, u64)> = (0..=2).flat_map(groups).collect();
-        let empty = self
-            .names
-            .iter()
-            .find(|((dimension, group), _)| *dimension <= 2 && !inhabited.contains(&(*dimension, *group)));
-        match empty {
-            None => Ok(()),
-            Some((&(dimension, _), &(name, place))) => {
-                let text =
-                    format!("{} {name:?} names nothing: no element belongs to it", physical(dimension));
-                Err(self.cursor.fault(place, text))
-            }
-        }
-    }
-
     /// Checks that no cell has lost a node by merging.
     fn require_apart(&self, mesh: &Mesh, import: Import) -> Result<()> {
         let shrunk = |cell: &Cell| cell.edges().find(|[a, b]| a == b);
@@ -132,9 +110,10 @@ impl Sections<'_> {
         found.map_or(Ok(()), |[node, _]| {
             let Point { coords: at } = mesh.nodes[node];
             Err(self.cursor.fault_of_file(format_args!(
-                "mesh.merge = {:?} m merges two nodes of one cell at ({}, {}); expected less than the shortest side of \
+                "mesh.merge = {:?} m merges two nodes of one cell at {}; expected less than the shortest side of \
                  a cell",
-                import.merge, at.x, at.y
+                import.merge,
+                geometry::place([at.x, at.y])
             )))
         })
     }
@@ -260,7 +239,7 @@ impl Sections<'_> {
     /// Describes a node in words.
     fn spot(&self, index: usize) -> String {
         let Node { number, position: [x, y, _], .. } = self.nodes[index];
-        format!("node {number} at ({x}, {y})")
+        format!("node {number} at {}", geometry::place([x, y]))
     }
 }
 

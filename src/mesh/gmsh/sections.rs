@@ -128,7 +128,8 @@ impl<'a> Sections<'a> {
         Ok(sections)
     }
 
-    /// Reads `$MeshFormat`, ignoring comments before it. Returns whether the version is 2.2.
+    /// Reads `$MeshFormat`, ignoring comments before it. Returns whether the version is 2.2, or one
+    /// before it from 2.0 on, whose sections are the same.
     fn format(&mut self) -> Result<bool> {
         let cursor = &mut self.cursor;
         loop {
@@ -144,7 +145,7 @@ impl<'a> Sections<'a> {
         }
         let place = cursor.place();
         let version: f64 = cursor.word("the version of the format")?;
-        let legacy = version == 2.2;
+        let legacy = (2.0..=2.2).contains(&version);
         if !legacy && version != 4.1 {
             let text = format!(
                 "version {version} of the format is not supported: save with Mesh.MshFileVersion = 4.1, or 2.2"
@@ -183,16 +184,25 @@ impl<'a> Sections<'a> {
         Ok(legacy)
     }
 
-    /// Reads `$PhysicalNames`, which is text in every file.
+    /// Reads `$PhysicalNames`, which is text in every file. A group without elements may have a name,
+    /// and before 2.1 a name may come without a dimension: it is that of all groups of the number.
     fn physical_names(&mut self) -> Result<()> {
         for _ in 0..self.cursor.word("the number of physical names")? {
-            let dimension: usize = self.cursor.word("the dimension of a physical group")?;
-            let number: i64 = self.cursor.word("the number of a physical group")?;
+            let first: i64 = self.cursor.word("the dimension of a physical group")?;
+            let (dimensions, number) = if self.cursor.is_before_quote() {
+                (0..=2, first)
+            } else {
+                let number = self.cursor.word("the number of a physical group")?;
+                let dimension = usize::try_from(first).unwrap_or(usize::MAX);
+                (dimension..=dimension, number)
+            };
             let place = self.cursor.place();
             let name = self.cursor.quoted("the name of a physical group in double quotes")?;
-            if self.names.insert((dimension, number.unsigned_abs()), (name, place)).is_some() {
-                let text = format!("{} {number} has a name above already", physical(dimension));
-                return Err(self.cursor.fault(place, text));
+            for dimension in dimensions {
+                if self.names.insert((dimension, number.unsigned_abs()), (name, place)).is_some() {
+                    let text = format!("{} {number} has a name above already", physical(dimension));
+                    return Err(self.cursor.fault(place, text));
+                }
             }
         }
         Ok(())
