@@ -60,7 +60,19 @@ fn same_input(context: &Context, scene: Option<&Identity>) -> Result<()> {
 /// Ends all ranks where any has an error, after the others with errors have written their output;
 /// rank 0 prints the error.
 pub(super) fn ended(context: &Context, ended: Result<()>) -> Result<()> {
+    let ended = ended.map_err(|why| with_options(context, why));
     if context.size() > 1 { context.settle(ended, PATIENCE) } else { ended }
+}
+
+/// Names the user's options of the linear solver beside an error that these may have caused.
+fn with_options(context: &Context, error: Error) -> Error {
+    let options = context.solver_options().unwrap_or_default();
+    match error {
+        Error::Singular(words) if !options.is_empty() => Error::Singular(format!(
+            "{words}; but first try without {options}, options of a linear solver that may be too inaccurate"
+        )),
+        other => other,
+    }
 }
 
 /// Returns a number of ranks in words.

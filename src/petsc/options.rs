@@ -91,6 +91,24 @@ impl Context {
         Ok(words)
     }
 
+    /// Returns the user's options of linear solvers and preconditioners, as on a command line; an
+    /// empty text where there are none.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn solver_options(&self) -> Result<String> {
+        let (database, ours) = (self.database()?, self.ours.borrow());
+        let mut is_kept = false;
+        let keeps = |word: &&str| {
+            if let Some(name) = word.strip_prefix('-').filter(|name| name.starts_with(char::is_alphabetic)) {
+                let is_of_solver = name.starts_with("ksp_") || name.starts_with("pc_");
+                is_kept = is_of_solver && !ours.iter().any(|our| our.eq_ignore_ascii_case(name));
+            }
+            is_kept
+        };
+        Ok(database.split_whitespace().filter(keeps).collect::<Vec<_>>().join(" "))
+    }
+
     /// Checks options from `PETSC_OPTIONS` and files, as [`validate`] checks arguments.
     pub(super) fn check_database(&self) -> Result<()> {
         let database = self.database()?;
