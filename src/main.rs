@@ -4,7 +4,37 @@ use rebond::Error;
 use rebond::cli::{Cli, execute, launch};
 use std::process::ExitCode;
 
+/// Stack of the program, in bytes, as most systems give it.
+const STACK: usize = 8 << 20;
+
+/// Runs the program, in a thread of its own where the system gives a small stack.
 fn main() -> ExitCode {
+    if !has_small_stack() {
+        return run();
+    }
+    match std::thread::Builder::new().stack_size(STACK).spawn(run).map(std::thread::JoinHandle::join) {
+        Ok(Ok(code)) => code,
+        // The thread has printed its panic.
+        Ok(Err(_)) => ExitCode::from(101),
+        Err(why) => {
+            eprintln!("rebond: the stack is small, and there is no room for another: {why}");
+            ExitCode::from(2)
+        }
+    }
+}
+
+#[cfg(unix)]
+fn has_small_stack() -> bool {
+    let limit = rustix::process::getrlimit(rustix::process::Resource::Stack).current;
+    limit.is_some_and(|limit| limit < STACK as u64)
+}
+
+#[cfg(not(unix))]
+fn has_small_stack() -> bool {
+    true
+}
+
+fn run() -> ExitCode {
     let cli = match Cli::read(std::env::args_os()) {
         Ok(cli) => cli,
         // Help and the version are no errors, and printed once.

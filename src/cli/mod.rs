@@ -133,6 +133,7 @@ impl Cli {
 /// Returns the error of the command, whose [code](crate::Error::exit_code) is that of the program.
 pub fn execute(cli: &Cli) -> Result<()> {
     memory::require_some()?;
+    signal::survive_full_files();
     if let Some(name) = cli.command.of_one_process() {
         launch::one_process(&format!("{name} runs"))?;
     }

@@ -1,8 +1,12 @@
 //! Handler of the signals that ask a run to stop.
 
 use crate::error::{Error, Result};
+#[cfg(unix)]
+use signal_hook::consts::SIGHUP;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
+#[cfg(unix)]
+use std::sync::Arc;
 use std::sync::OnceLock;
 use std::thread;
 use std::time::{Duration, Instant};
@@ -18,14 +22,22 @@ const IMPATIENT: Duration = Duration::from_secs(1);
 /// Stack size of the listening thread, in bytes.
 const STACK: usize = 1 << 16;
 
-/// Makes SIGINT and SIGTERM a request to stop; a later one ends the program.
+/// Signals that ask a run to stop. A terminal that closes sends the last.
+#[cfg(unix)]
+const SIGNALS: [i32; 3] = [SIGINT, SIGTERM, SIGHUP];
+#[cfg(not(unix))]
+const SIGNALS: [i32; 2] = [SIGINT, SIGTERM];
+
+/// Makes each of these signals a request to stop; a later one ends the program. A signal that was
+/// ignored when the program started, as `nohup` does with SIGHUP, stays ignored.
 ///
 /// # Errors
 /// Returns [`Error::Usage`] where the system refuses, [`Error::Memory`] where it has no room for a
 /// thread.
 pub(super) fn listen() -> Result<()> {
-    let mut signals = Signals::new([SIGINT, SIGTERM])
-        .map_err(|why| Error::Usage(format!("signals cannot be caught: {why}")))?;
+    let asking = SIGNALS.into_iter().filter(|signal| !is_ignored(*signal));
+    let mut signals =
+        Signals::new(asking).map_err(|why| Error::Usage(format!("signals cannot be caught: {why}")))?;
     let listen = move || {
         for _ in signals.forever() {
             if ASKED.get_or_init(Instant::now).elapsed() > IMPATIENT {
@@ -35,6 +47,21 @@ pub(super) fn listen() -> Result<()> {
     };
     let listener = thread::Builder::new().stack_size(STACK).spawn(listen);
     listener.map(drop).map_err(|why| Error::Memory(format!("signals cannot be listened to: {why}")))
+}
+
+/// Makes a write beyond the limit on the size of files an error, which names the file, instead of
+/// the end of the program.
+pub(super) fn survive_full_files() {
+    #[cfg(unix)]
+    let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
+}
+
+/// Returns whether the program was started with a signal ignored, as far as the system tells.
+fn is_ignored(signal: i32) -> bool {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }
 
 /// Returns whether a signal was received.
