@@ -3,6 +3,7 @@
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::BasisFunction;
 use crate::error::{Error, Result};
+use crate::geometry;
 use crate::linalg::{ElementMatrix, SingularMassCell};
 use crate::mesh::{Mesh, Point};
 use std::rc::Rc;
@@ -41,7 +42,7 @@ impl Probe {
     /// # Errors
     /// Returns the errors of [`Probe::new`].
     pub fn of_derivative(mesh: &Mesh, point: Point, of: impl Fn(&BasisFunction) -> f64) -> Result<Probe> {
-        let outside = || Error::Mesh(format!("the point ({}, {}) lies outside the plate", point.x, point.y));
+        let outside = || Error::Mesh(format!("the point {} lies outside the plate", geometry::place(point)));
         Probe::in_cell(mesh, mesh.locate(point).ok_or_else(outside)?, point, of)
     }
 

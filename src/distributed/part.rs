@@ -5,6 +5,7 @@ use super::own_mesh::{EDGE, GROUP, Names, POINT, own_mesh, section, sum_at_nodes
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, Place, Support};
 use crate::error::{Error, Result};
+use crate::geometry;
 use crate::mesh::{Cell, Grid, Mesh, Point};
 use crate::petsc::{Context, Index, Plex, Refinement, WorldComm};
 use std::rc::Rc;
@@ -170,10 +171,9 @@ fn extra_cells(comm: &WorldComm, mesh: &Mesh, points: &[(String, Point)]) -> Res
         match comm.all_gather_one(cell.is_some()).iter().position(|&here| here) {
             Some(first) => mine.extend(cell.filter(|_| first == comm.rank()).map(|cell| (cell, number))),
             None => {
-                let Point { coords } = point;
                 return Err(Error::Mesh(format!(
-                    "{name}: the point ({}, {}) lies outside the plate",
-                    coords.x, coords.y
+                    "{name}: the point {} lies outside the plate",
+                    geometry::place(*point)
                 )));
             }
         }

@@ -264,9 +264,10 @@ impl Work {
         }
         let node = self.nearest(at);
         Err(Error::Mesh(format!(
-            "{key}: a node at ({}, {}) would make cells of angles near 0 or 180 degrees; expected a point farther from the \
-             plate's edge and from other nodes that must stay, or on one, such as ({}, {})",
-            at.x, at.y, node.x, node.y
+            "{key}: a node at {} would make cells of angles near 0 or 180 degrees; expected a point farther from the \
+             plate's edge and from other nodes that must stay, or on one, such as {}",
+            geometry::place(at),
+            geometry::place(node)
         )))
     }
 
@@ -299,8 +300,9 @@ impl Work {
         }
         let node = self.nearest(at);
         Err(Error::Mesh(format!(
-            "{key}: the point ({}, {}) lies outside the plate; the nearest node is at ({}, {})",
-            at.x, at.y, node.x, node.y
+            "{key}: the point {} lies outside the plate; the nearest node is at {}",
+            geometry::place(at),
+            geometry::place(node)
         )))
     }
 

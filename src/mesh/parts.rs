@@ -2,6 +2,7 @@
 
 use super::{Mesh, Point};
 use crate::error::{Error, Result};
+use crate::geometry;
 
 /// Disjoint sets of numbers that can be united (union-find).
 #[derive(Debug, Clone)]
@@ -97,7 +98,7 @@ impl Mesh {
         }
         let describe = |Part { cells, corners: [low, high] }: &Part| {
             let count = if cells.len() == 1 { "1 cell".into() } else { format!("{} cells", cells.len()) };
-            format!("{count} from ({}, {}) to ({}, {})", low.x, low.y, high.x, high.y)
+            format!("{count} from {} to {}", geometry::place(*low), geometry::place(*high))
         };
         let listed: Vec<String> = self.parts().iter().take(LISTED).map(describe).collect();
         let more = if count > LISTED { format!("; and {} more", count - LISTED) } else { String::new() };

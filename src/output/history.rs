@@ -35,10 +35,11 @@ impl History {
     /// where the file cannot be written.
     pub fn create(folder: &Path, probes: &[String], forces: &[String]) -> Result<Self> {
         for (i, name) in probes.iter().enumerate() {
-            if name.is_empty() || name.contains([',', '"']) || name.contains(char::is_control) {
+            let is_formula = name.trim_start().starts_with(['=', '+', '-', '@']);
+            if name.is_empty() || is_formula || name.contains([',', '"']) || name.contains(char::is_control) {
                 return Err(Error::Scene(format!(
                     "probe name {name:?}: it heads a column of {FILE}, so it must not be empty nor hold commas, \
-                     double quotes or control characters"
+                     double quotes or control characters, nor begin with =, +, - or @"
                 )));
             }
             if COLUMNS.contains(&name.as_str()) || probes[..i].contains(name) {

@@ -1,5 +1,6 @@
 //! Tree of a TOML text and its `--set` overrides, in which every value knows where it was written.
 
+use std::cell::OnceCell;
 use std::collections::BTreeMap;
 use std::fmt::{self, Display};
 use std::path::Path;
@@ -8,6 +9,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::error::{Error, Result};
+use crate::field::Parameters;
 
 /// Limit on the parts of an override's key, more than any key of a scene has.
 const DEEPEST_KEY: usize = 8;
@@ -21,6 +23,8 @@ pub(super) struct Document<'a> {
     text: &'a str,
     overrides: &'a [String],
     root: Node,
+    /// Parameters, once they are read.
+    pub parameters: OnceCell<Parameters>,
 }
 
 /// Position at which a value was written.
@@ -66,7 +70,7 @@ impl<'a> Document<'a> {
         })?;
         let root =
             Node { place: SourcePlace::Byte(0), value: Value::table(table.get_ref(), &SourcePlace::Byte) };
-        let mut document = Document { file, text, overrides, root };
+        let mut document = Document { file, text, overrides, root, parameters: OnceCell::new() };
         for index in 0..overrides.len() {
             document.apply(index)?;
         }
@@ -114,7 +118,8 @@ impl<'a> Document<'a> {
 
     /// Creates the error for a key at a known position.
     pub fn fault_at(&self, place: SourcePlace, key: &str, wrong: impl Display) -> Error {
-        error_at(&self.describe(place), &format!("{key}: {wrong}"))
+        let key: Vec<String> = parts(key).map(cut).collect();
+        error_at(&self.describe(place), &format!("{}: {wrong}", key.join(".")))
     }
 
     fn describe(&self, place: SourcePlace) -> String {

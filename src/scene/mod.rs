@@ -29,6 +29,7 @@ mod contents;
 mod cross_checks;
 mod document;
 mod effects;
+mod extreme;
 mod given;
 mod keys;
 mod quantity;

@@ -13,6 +13,26 @@ use crate::field::{Condition, Field, Interpolation, Names, Parameters, Table, ch
 /// Value of a parameter.
 pub(super) const PARAMETER: Quantity = Quantity::new("a number", Range::ANY);
 
+/// Largest and smallest magnitude of a number other than 0: products of a few such numbers neither
+/// overflow nor lose digits to underflow.
+const MAGNITUDES: [f64; 2] = [1e50, 1e-300];
+
+/// Returns what is wrong with a number of any key; `None` for one that can be computed with.
+fn fault_of(number: f64, range: &Range) -> Option<String> {
+    let [largest, smallest] = MAGNITUDES;
+    if !number.is_finite() {
+        Some("is not a finite number".into())
+    } else if !(range.holds)(number) {
+        Some(range.fault.into())
+    } else if number.abs() > largest {
+        Some(format!("is beyond {largest:e} in magnitude"))
+    } else if number != 0.0 && number.abs() < smallest {
+        Some(format!("is below {smallest:e} in magnitude, and not 0"))
+    } else {
+        None
+    }
+}
+
 /// Factor on the values of a table of time.
 const FACTOR: Quantity = Quantity::new("a factor", Range::ANY);
 
@@ -98,12 +118,10 @@ impl Document<'_> {
             Value::Float(float) => (*float, spell(*float)),
             other => return Err(self.found(key, other, quantity.expected())),
         };
-        let is_finite = number.is_finite();
-        if is_finite && (quantity.range.holds)(number) {
-            return Ok(Some(number));
+        match fault_of(number, &quantity.range) {
+            None => Ok(Some(number)),
+            Some(fault) => Err(self.fault(key, format!("{written} {fault}; {}", quantity.expected()))),
         }
-        let fault = if is_finite { quantity.range.fault } else { "is not a finite number" };
-        Err(self.fault(key, format!("{written} {fault}; {}", quantity.expected())))
     }
 
     /// Reads a required field.
@@ -134,20 +152,30 @@ impl Document<'_> {
 
     fn formula(&self, key: &str, text: &str, names: Names, quantity: &Quantity) -> Result<Field> {
         let field =
-            Field::parse_with(text, names, &self.parameters()?).map_err(|fault| self.fault(key, fault))?;
+            Field::parse_with(text, names, self.parameters()?).map_err(|fault| self.fault(key, fault))?;
+        let fault = field.constant().and_then(|number| Some((number, fault_of(number, &quantity.range)?)));
+        if let Some((number, fault)) = fault {
+            return Err(self.fault(key, format!("{} {fault}; {}", spell(number), quantity.expected())));
+        }
         match field.constant() {
-            Some(number) if !(quantity.range.holds)(number) => {
-                let wrong = format!("{} {}; {}", spell(number), quantity.range.fault, quantity.expected());
-                Err(self.fault(key, wrong))
-            }
             // Zero counts as absent, however it is written.
             Some(0.0) => Ok(0.0.into()),
             _ => Ok(field),
         }
     }
 
-    /// Reads the parameters that all formulas may use, in alphabetical order.
-    pub fn parameters(&self) -> Result<Parameters> {
+    /// Returns the parameters that all formulas may use, which are read once.
+    pub fn parameters(&self) -> Result<&Parameters> {
+        match self.parameters.get() {
+            Some(parameters) => Ok(parameters),
+            None => {
+                let parameters = self.read_parameters()?;
+                Ok(self.parameters.get_or_init(|| parameters))
+            }
+        }
+    }
+
+    fn read_parameters(&self) -> Result<Parameters> {
         let table = "parameters";
         let mut parameters = Parameters::default();
         let Some(node) = self.get(table) else { return Ok(parameters) };
@@ -155,7 +183,7 @@ impl Document<'_> {
             return Err(self.found(table, &node.value, "expected a table of names and numbers"));
         };
         for (name, (place, _)) in entries {
-            let key = format!("{table}.{}", cut(name));
+            let key = format!("{table}.{name}");
             check_parameter(name).map_err(|wrong| self.fault_at(*place, &key, wrong))?;
             parameters.set(name, self.number(&key, &PARAMETER)?);
         }
@@ -188,7 +216,7 @@ impl Document<'_> {
     pub fn condition(&self, key: &str) -> Result<Condition> {
         let expected = "expected a condition on x and y, such as \"x > 0.5 and y < 0.2\"";
         let text = self.optional_text(key, expected)?.ok_or_else(|| self.missing(key, expected))?;
-        Condition::parse_with(text, Names::XY, &self.parameters()?).map_err(|fault| self.fault(key, fault))
+        Condition::parse_with(text, Names::XY, self.parameters()?).map_err(|fault| self.fault(key, fault))
     }
 
     /// Reads one of these words.

@@ -212,7 +212,7 @@ impl Model {
         serves(scene, EngineName::Native)?;
         let clock = Instant::now();
         phase("mesh");
-        let mesh = mesh(scene)?;
+        let mesh = mesh(scene).map_err(|why| scene.explain(why))?;
         on_ground(scene, &mesh, &holds(scene, &mesh)?, |ground| {
             let engine = Native::with_layout(ground.space.layout(&mesh));
             compose(clock, engine, ground)
@@ -227,7 +227,7 @@ fn compose<E: OfCells, P: Partition>(
     ground: &BuildContext<P>,
 ) -> Result<Model<E>> {
     let Effects { system, start, lifts, sites, places, attribution, reactions, mechanism, warnings, seconds } =
-        effects::compose(engine, ground)?;
+        effects::compose(engine, ground).map_err(|why| ground.scene.explain(why))?;
     let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
     let probes = ground.scene.output.probes.iter().map(|probe| ground.probe(probe, &shapes));
     let probes: Vec<_> = probes.collect::<Result<_>>()?;

@@ -4,6 +4,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::Place;
 use crate::error::{Error, Result};
 use crate::field::Condition;
+use crate::geometry;
 use crate::mesh::{self, Mesh, NEAR, Point};
 use crate::partition::Partition;
 use crate::scene::{Region, Scene, SupportKind, SupportLocation};
@@ -81,8 +82,9 @@ fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], comm: &impl Communicator, key: &str) 
     let best = all.iter().min_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or(&own);
     if best[0] > NEAR * size {
         return Err(Error::Mesh(format!(
-            "{key}.at: no node lies at ({x}, {y}); the nearest is at ({}, {})",
-            best[1], best[2]
+            "{key}.at: no node lies at {}; the nearest is at {}",
+            geometry::place([x, y]),
+            geometry::place([best[1], best[2]])
         )));
     }
     Ok((0..mesh.nodes.len()).filter(|&node| distance(node) <= NEAR * size).collect())

@@ -6,6 +6,7 @@ use crate::assembly::{self, Probe, Recovery, SITES, SiteBlock};
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
+use crate::geometry;
 use crate::linalg::vectors::axpy;
 use crate::linalg::wide::widest;
 use crate::mesh::Point;
@@ -65,7 +66,8 @@ impl<'s> PlateCurvatures<'s> {
         let at = Point::new(x, y);
         let here = mesh.locate(at);
         let first = comm.all_gather_one(here.is_some()).iter().position(|&here| here);
-        let outside = || Error::Mesh(format!("{key}: the point ({x}, {y}) lies outside the plate"));
+        let outside =
+            || Error::Mesh(format!("{key}: the point {} lies outside the plate", geometry::place(at)));
         let first = first.ok_or_else(outside)?;
         let own = here.filter(|_| comm.rank() == first);
         let mut shares = vec![[0.0]; self.recovery.sites().len()];

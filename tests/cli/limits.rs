@@ -150,3 +150,50 @@ fn what_is_no_scene_is_not_read() {
     assert_fails(&output, 2, &["load.pressure.table: /dev/zero: a device, pipe or socket"]);
     succeeds(&rebond(&folder, &["check", "fall.toml", "--quiet"]));
 }
+
+/// A small stack is no abort.
+#[test]
+fn a_small_stack_suffices() {
+    let folder = folder("stack");
+    let output = Command::new("sh")
+        .args(["-c", "ulimit -s 64; exec \"$@\"", "sh", env!("CARGO_BIN_EXE_rebond")])
+        .args(["run", "fall.toml", "--quiet"])
+        .current_dir(&folder)
+        .output()
+        .unwrap();
+    succeeds(&output);
+}
+
+/// A number with which nothing can be computed is refused with its key, and one that is far from
+/// the usual is named beside the error that it causes, without hundreds of zeros.
+#[test]
+fn a_number_out_of_range_is_named() {
+    let folder = folder("range");
+    for (key, value, words) in [
+        ("plate.density", "1e100", "1e100 is beyond 1e50 in magnitude; expected a density in kg/m3"),
+        ("plate.density", "1e-310", "1e-310 is below 1e-300 in magnitude, and not 0; expected a density"),
+        ("plate.length", "1e300", "1e300 is beyond 1e50 in magnitude"),
+        ("plate.length", "1e25", "(1.25e24, 0)"),
+        ("load.pressure", "\"1e60*2\"", "is beyond 1e50 in magnitude"),
+        ("plate.youngs_modulus", "1e-280", "plate.youngs_modulus"),
+    ] {
+        let set = ["--set", "mesh.cells=[8, 2]", "--set", &format!("{key}={value}")];
+        let output = rebond(&folder, &[&["run", "fall.toml"], &set[..]].concat());
+        assert_fails(&output, 2, &[key, words]);
+        assert!(!text(&output.stderr).contains("000000"), "{}", text(&output.stderr));
+    }
+}
+
+/// A name that a spreadsheet would take for a formula heads no column.
+#[test]
+fn a_name_is_no_formula() {
+    let folder = folder("formula");
+    for name in ["=1+1", "+1", "-1", "@sum", " =1", "a\tb"] {
+        let probe = format!("output.probes=[{{ name = {name:?}, at = [0.6, 0.1] }}]");
+        assert_fails(
+            &rebond(&folder, &["check", "fall.toml", "--set", &probe]),
+            2,
+            &["cannot head a column"],
+        );
+    }
+}

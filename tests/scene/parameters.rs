@@ -70,3 +70,17 @@ fn a_sweep_has_its_values_and_its_period() {
     assert_eq!((sweep.period(), sweep.periods, sweep.settle), (0.025, 30, 15));
     assert_eq!(sweep.direction, SweepOrder::Up);
 }
+
+/// A name may be long, and the parameters of a scene are read once, not once per formula and
+/// parameter.
+#[test]
+fn names_may_be_long_and_many() {
+    let long = "a".repeat(61);
+    let many: String = (0..20_000).map(|i| format!("p{i} = {i}.0, ")).collect();
+    let scene = SCENE
+        .replace("{ a = 3.0", &format!("{{ {many}{long} = 2.0, a = 3.0"))
+        .replace("a*sin(2*pi*rate*t)", &format!("{long}*p19999"));
+    let scene = Scene::from_str(&[&scene, PAPER_PLATE].concat(), "many.toml", &[]).unwrap();
+    let pressure = &scene.load.as_ref().unwrap().pressure;
+    assert_eq!(pressure.at(Point::origin(), 0.0).unwrap(), 39998.0);
+}

@@ -4,7 +4,8 @@ use crate::error::Result;
 use crate::scene::HISTORY_COLUMNS;
 use crate::scene::document::{Document, quote};
 
-const EXPECTED: &str = "expected a name without commas, quotes and control characters";
+const EXPECTED: &str =
+    "expected a name without commas, quotes and control characters, and without =, +, - or @ first";
 
 /// Reads a name that is valid as a column of the history.
 pub(super) fn needed(doc: &Document, key: &str) -> Result<String> {
@@ -15,7 +16,9 @@ pub(super) fn needed(doc: &Document, key: &str) -> Result<String> {
         );
     }
     let is_bad = |c: char| matches!(c, ',' | '"' | '\'') || c.is_control();
-    if name.trim().is_empty() || name.contains(is_bad) {
+    // A spreadsheet takes what begins like a formula for one.
+    let is_formula = name.trim_start().starts_with(['=', '+', '-', '@']);
+    if name.trim().is_empty() || name.contains(is_bad) || is_formula {
         return Err(doc.fault(key, format!("{} cannot head a column; {EXPECTED}", quote(name))));
     }
     Ok(name.to_owned())

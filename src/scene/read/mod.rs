@@ -77,7 +77,7 @@ pub(super) static SCENE: TableKeys = TableKeys {
 pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Result<Scene> {
     doc.allow("", &SCENE)?;
     let title = title(doc, file_name)?;
-    let parameters = doc.parameters()?;
+    let parameters = doc.parameters()?.clone();
     let file = mesh::read_file(doc)?;
     let plate = plate::read(doc, file.is_some())?;
     let (mesh, time, solver) =

@@ -5,6 +5,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
 use crate::element::adaptive::{self, Rules};
 use crate::error::{Error, Result};
+use crate::geometry;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::scene::{self, FieldInput, Scene};
@@ -67,7 +68,10 @@ impl<P: Partition> BuildContext<'_, P> {
                 Ok(Some(PointEvaluation { free: of_shape.within(self.space), of_shape }))
             }
             Some(_) => Ok(None),
-            None => Err(Error::Mesh(format!("{key}: the point ({x}, {y}) lies outside the plate"))),
+            None => Err(Error::Mesh(format!(
+                "{key}: the point {} lies outside the plate",
+                geometry::place([x, y])
+            ))),
         }
     }
 

@@ -1,0 +1,50 @@
+//! Numbers of a scene that are far from the size of all others.
+
+use super::Scene;
+use crate::error::Error;
+use serde_json::Value;
+
+/// Distance from 1 (or its inverse) beyond which a number is named beside an error.
+const FAR: f64 = 1e15;
+
+impl Scene {
+    /// Names the number of the scene that is farthest from 1, if one is far, beside an error of its
+    /// model that names no key: rounding and overflow are then the cause.
+    pub(crate) fn explain(&self, error: Error) -> Error {
+        let resolved = serde_json::to_value(self).unwrap_or_default();
+        let Some((key, number)) = farthest(&resolved, "") else { return error };
+        let more = |words: String| {
+            if words.contains(&key) {
+                words
+            } else {
+                format!("{words}; {key} is {number:e}, far from the usual")
+            }
+        };
+        match error {
+            Error::Singular(words) => Error::Singular(more(words)),
+            Error::Mesh(words) => Error::Mesh(more(words)),
+            other => other,
+        }
+    }
+}
+
+/// Returns key and value of the number farthest from 1, if one is far.
+fn farthest(value: &Value, key: &str) -> Option<(String, f64)> {
+    let inside = |name: &str| if key.is_empty() { name.to_owned() } else { format!("{key}.{name}") };
+    let distance = |number: f64| number.abs().ln().abs();
+    let longer = |a: &(String, f64), b: &(String, f64)| distance(a.1).total_cmp(&distance(b.1));
+    match value {
+        Value::Number(number) => {
+            let number = number.as_f64().filter(|number| *number != 0.0)?;
+            (distance(number) > FAR.ln()).then(|| (key.to_owned(), number))
+        }
+        Value::Array(items) => {
+            let items = items.iter().enumerate();
+            items.filter_map(|(i, item)| farthest(item, &inside(&i.to_string()))).max_by(longer)
+        }
+        Value::Object(entries) => {
+            entries.iter().filter_map(|(name, entry)| farthest(entry, &inside(name))).max_by(longer)
+        }
+        _ => None,
+    }
+}
