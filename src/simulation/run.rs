@@ -22,7 +22,7 @@ pub fn run<E: Engine>(
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
     phase("factorisation");
-    let scheme = model.scheme_with(scene, solver)?;
+    let scheme = model.scheme_with(scene, solver).map_err(|why| scene.explain(why))?;
     run_scheme(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
 }
 
@@ -54,7 +54,7 @@ pub fn resume<E: Engine>(
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
     phase("factorisation");
-    let scheme = model.scheme_with(scene, solver)?;
+    let scheme = model.scheme_with(scene, solver).map_err(|why| scene.explain(why))?;
     let part = Some(state.part(model)?);
     run_from(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
 }

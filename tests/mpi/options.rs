@@ -59,6 +59,16 @@ fn iterative_solvers_go_through_contact() {
     }
 }
 
+/// A solver that the user made too inaccurate is named, beside what else may be wrong.
+#[test]
+fn a_solver_that_is_too_inaccurate_is_named() {
+    let folder = folder("inaccurate");
+    for options in ["-ksp_type preonly -pc_type jacobi", "-ksp_rtol 0.9 -ksp_type cg -pc_type jacobi"] {
+        let output = run(&folder, ONE_STEP, &options.split(' ').collect::<Vec<_>>());
+        assert_fails(&output, 2, &[&format!("first try without {options}")]);
+    }
+}
+
 /// Cells are five times as long as wide: the norm of the preconditioned residual rises ten
 /// thousandfold before it falls.
 #[test]
