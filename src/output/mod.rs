@@ -59,7 +59,7 @@ const FLUSH_BYTES: usize = 1 << 16;
 struct Lines {
     path: PathBuf,
     file: File,
-    /// What the file has, without the pending lines.
+    /// Length and checksum of the file, without the pending lines.
     written: Extent,
     pending: String,
     flushed: Instant,

@@ -184,8 +184,8 @@ impl<'a> Sections<'a> {
         Ok(legacy)
     }
 
-    /// Reads `$PhysicalNames`, which is text in every file. A group without elements may have a name,
-    /// and before 2.1 a name may come without a dimension: it is that of all groups of the number.
+    /// Reads `$PhysicalNames`, which is text in every file. A group without elements may have a
+    /// name. Before 2.1 a name may come without a dimension, for all groups of its number.
     fn physical_names(&mut self) -> Result<()> {
         for _ in 0..self.cursor.word("the number of physical names")? {
             let first: i64 = self.cursor.word("the dimension of a physical group")?;
