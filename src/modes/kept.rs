@@ -105,8 +105,8 @@ pub(crate) fn kept_basis<E: Engine>(
     }
 }
 
-/// Largest relative difference of a kept square frequency and the Rayleigh quotient of its shape, and
-/// of a kept momentum and the product of mass and shape: either is rounding.
+/// Largest relative difference of a kept square frequency and the Rayleigh quotient of its shape,
+/// and of a kept momentum and the product of mass and shape. Either is rounding.
 const AGREES: f64 = 1e-6;
 
 /// Returns whether modes agree with the matrices: `$\phi^T K \phi = \omega^2 \phi^T M \phi$` and unit
