@@ -105,6 +105,9 @@ impl<E: Engine> Exact<'_, E> {
         let Some(reach) = &mut self.reach else { return Ok(()) };
         let known = reach.grown.clone();
         reach.archive(archive)?;
+        if archive.saves() {
+            return Ok(());
+        }
         let bounds = self.system.bounds.len();
         let fits = reach.grown.starts_with(&known) && reach.grown.iter().flatten().all(|&of| of < bounds);
         if !fits {
