@@ -5,6 +5,7 @@ use crate::common::difference;
 use crate::common::models::{PAPER_FALL, PAPER_PLATE, UNIT};
 use crate::exact::{corners, table};
 use faer::{Mat, Side};
+use rebond::archive::Archive;
 use rebond::linalg::{Engine, Form};
 use rebond::scene::Scene;
 use rebond::scheme::{Event, Exact, ExactOptions, Scheme, Start};
@@ -294,4 +295,59 @@ fn a_free_plate_that_hits_keeps_momentum_and_energy() {
     let drift = energies.iter().map(|energy| (energy / energies[0] - 1.0).abs()).fold(0.0, f64::max);
     println!("{events} events, momentum {unbalanced:.1e} N s, energy {drift:.1e}");
     assert!(events > 20 && unbalanced <= 1e-9 && drift <= 1e-10, "{events}, {unbalanced:e}, {drift:e}");
+}
+
+/// Returns the energies of an exact run with the modal mass from row to row, in J, each taken before
+/// and after the state is saved.
+fn energies_around_saves(text: &str) -> Vec<[f64; 2]> {
+    let scene = Scene::from_str(text, "plate", &[]).unwrap();
+    let model = Model::new(&scene).unwrap();
+    let mut scheme = Exact::new(&model.system, scene.time.step, model.start.clone()).unwrap();
+    let mut rows = Vec::new();
+    for _ in 0..scene.time.steps() {
+        scheme.advance().unwrap();
+        let before = scheme.energies().unwrap().total();
+        scheme.archive(&mut Archive::Saves(Vec::new())).unwrap();
+        rows.push([before, scheme.energies().unwrap().total()]);
+    }
+    rows
+}
+
+#[test]
+fn a_ball_that_leaves_while_a_stop_is_pressed_takes_its_energy_along() {
+    // The ball is the only rigid motion. While it flies, the nodes in contact with the stop are
+    // moved by no rigid motion at all. Nothing damps: the energy stays that of the ball, m v^2 / 2.
+    for modes in [9, 15] {
+        let rows = energies_around_saves(&format!(
+            r#"
+            plate = {{ length = 0.46, width = 0.6, thickness = 0.0135, youngs_modulus = 63e9, poissons_ratio = 0.0, density = 670.0 }}
+            mesh = {{ element = "fvs", cells = [6, 4] }}
+            support = [{{ edge = "left", kind = "clamped" }}]
+            obstacle = [{{ side = "above", height = 0.0006, stiffness = 5e8 }}]
+            ball = [{{ at = [0.24, 0.1], side = "below", mass = 0.5, velocity = 10.0, height = -0.002, stiffness = 3.6e7 }}]
+            time = {{ scheme = "exact", mass = "modal", modes = {modes}, step = 2e-5, end = 2e-3 }}
+            "#
+        ));
+        for energy in rows.into_iter().flatten() {
+            assert!((energy / 25.0 - 1.0).abs() <= 1e-10, "{modes}: {energy:e}");
+        }
+    }
+}
+
+#[test]
+fn saving_a_state_does_not_change_it() {
+    let rows = energies_around_saves(
+        r#"
+        plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770.0 }
+        mesh = { element = "fvs", cells = [4, 2] }
+        support = [{ edge = "left", kind = "clamped" }]
+        obstacle = [{ side = "below", height = -0.001, line = [[1.2, 0.0], [1.2, 0.4]], stiffness = 1e5 }]
+        load = { pressure = -200.0 }
+        time = { scheme = "exact", mass = "modal", modes = 6, step = 1e-3, end = 0.05 }
+        "#,
+    );
+    // The energy is that of the motion less the work of the load, and nothing damps.
+    for [before, after] in &rows {
+        assert!((before - rows[0][0]).abs() <= 1e-12 && before == after, "{before:e}, {after:e}");
+    }
 }

@@ -90,8 +90,8 @@ const RIGID: f64 = 4.0;
 /// rounding itself.
 const STIFF: f64 = 1e-4;
 
-/// Singular value, relative to the largest one, below which a combination of rigid motions moves no
-/// node in contact.
+/// Singular value, relative to the size of all motions at the nodes, below which a combination of
+/// rigid motions moves no node in contact.
 const INDEPENDENT: f64 = 1e-6;
 
 /// Elastic force of a mode at its equilibrium, relative to the largest part of the forces at the
@@ -236,15 +236,18 @@ impl Held {
 /// Returns the rigid displacement z (N entries) that comes nearest to given deflections (a entries)
 /// of the nodes in contact, whose displacements per unit z are R (a x N). It is zero for a plate
 /// that cannot move without stiffness.
+///
+/// The rows are weighted by their norms over all motions, against which what a rigid motion of a
+/// ball leaves at the nodes of a plate is rounding, even where no other node is in contact.
 fn nearest_rigid(stiffness: &Mat<f64>, lift: &Mat<f64>, gap: &Mat<f64>) -> Mat<f64> {
     let count = (0..stiffness.nrows()).take_while(|&j| stiffness[(j, j)] == 0.0).count();
     let mut z = Mat::zeros(stiffness.nrows(), 1);
     if count > 0 && gap.nrows() > 0 {
-        let of_rigid = DMatrix::from_fn(gap.nrows(), count, |k, j| lift[(k, j)]);
-        let gap = DMatrix::from_fn(gap.nrows(), 1, |k, _| gap[(k, 0)]);
-        let svd = of_rigid.svd(true, true);
-        let least = INDEPENDENT * svd.singular_values.max();
-        let nearest = svd.solve(&gap, least).unwrap_or_default();
+        let weight = |size: f64| if size > 0.0 { size.recip() } else { 0.0 };
+        let weights: Vec<f64> = (0..gap.nrows()).map(|k| weight(lift.row(k).norm_l2())).collect();
+        let of_rigid = DMatrix::from_fn(gap.nrows(), count, |k, j| weights[k] * lift[(k, j)]);
+        let gap = DMatrix::from_fn(gap.nrows(), 1, |k, _| weights[k] * gap[(k, 0)]);
+        let nearest = of_rigid.svd(true, true).solve(&gap, INDEPENDENT).unwrap_or_default();
         nearest.iter().enumerate().for_each(|(j, of)| z[(j, 0)] = *of);
     }
     z
