@@ -81,7 +81,8 @@ impl Interval {
     }
 
     /// Returns the product; zero times anything is zero.
-    fn times(self, other: Interval) -> Interval {
+    /// Returns the product.
+    pub fn times(self, other: Interval) -> Interval {
         let product = |a: f64, b: f64| if a == 0.0 || b == 0.0 { 0.0 } else { a * b };
         let corners = [
             product(self.low, other.low),

@@ -2,7 +2,7 @@
 
 use super::code::{Binary, Number, Stack};
 use super::span::{OutwardInterval, Span};
-use super::{Field, Names, Point, Table};
+use super::{Field, Interval, Names, Point, Table};
 use std::collections::VecDeque;
 
 /// Worst resolution of a function by the values at the ends of the time steps.
@@ -79,6 +79,20 @@ impl Bounded for Table {
             value = value.hull(OutwardInterval::hull_of([centre - way, centre + way]));
         }
         Span::smooth(middle, value, rate, 0.5 * (to - from))
+    }
+}
+
+impl Field {
+    /// Returns bounds on the values at a point (m) between two instants (s).
+    pub fn range(&self, at: Point, from: f64, to: f64) -> Interval {
+        At(self, at).span(from, to).value.into()
+    }
+}
+
+impl Table {
+    /// Returns bounds on the values between two instants (s).
+    pub fn range(&self, from: f64, to: f64) -> Interval {
+        Bounded::span(self, from, to).value.into()
     }
 }
 

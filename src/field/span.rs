@@ -1,6 +1,7 @@
 //! Interval arithmetic in time: bounds on a number and its derivative over an interval of time, and
 //! whether it may have a kink or a jump there.
 
+use super::Interval;
 use super::code::{Binary, Number, Unary};
 use std::f64::consts::{FRAC_PI_2, LN_10, PI, TAU};
 
@@ -125,6 +126,12 @@ impl OutwardInterval {
             sine.low = -1.0;
         }
         OutwardInterval { low: (sine.low - slack).max(-1.0), high: (sine.high + slack).min(1.0) }
+    }
+}
+
+impl From<OutwardInterval> for Interval {
+    fn from(bounds: OutwardInterval) -> Interval {
+        Interval { low: bounds.low, high: bounds.high }
     }
 }
 

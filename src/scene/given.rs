@@ -178,6 +178,14 @@ impl FieldInput {
         }
     }
 
+    /// Returns bounds on the values at a place (m) between two instants (s).
+    pub fn range(&self, at: Point, from: f64, to: f64) -> Interval {
+        match &self.value {
+            Value::Formula(field) => field.range(at, from, to),
+            Value::Table { table, shape, .. } => table.range(from, to).times(shape.range(at, from, to)),
+        }
+    }
+
     /// Splits the field into a sum of products g(t) h(x, y), if it has such a form.
     ///
     /// Each pair is g and h, with the name of the key.

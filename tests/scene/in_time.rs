@@ -1,6 +1,6 @@
 //! Checks warn of parts of loads and motions that the time steps miss.
 
-use crate::common::models::STRIP;
+use crate::common::models::{CLAMPED, STRIP};
 use crate::common::scenes::{grid, newmark, scene};
 use rebond::study;
 use std::fs;
@@ -118,4 +118,30 @@ fn motions_between_instants_are_said() {
     assert_eq!(height("-0.1 + 0.3*clamp(3*t, 0, 1)"), [""; 0]);
     let said = height("-0.1 + 0.3*exp(-((t - 0.5004)/2e-5)^2)");
     assert!(said.len() == 1 && said[0].contains("t = 0.501 s"), "{said:?}");
+}
+
+#[test]
+fn the_largest_load_lies_between_any_instants() {
+    // Magnitude of the peak (N) by calculus: a hammer's pulse of 80 us, a sine of which a thousand
+    // instants see no peak, one that decays, and a jump at the end of a ramp.
+    let text = "t,F\n0,0\n0.0123,0\n0.01234,80\n0.01238,0\n0.03,0\n";
+    let file = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("pulse.csv");
+    fs::write(&file, text).unwrap();
+    let pulse = format!("{{ table = '{}', interpolation = \"linear\" }}", file.display());
+    let decaying = 80.0 * (-(400.0_f64).atan() / 400.0).exp() * (400.0_f64).atan().sin();
+    for (value, peak) in [
+        (pulse.as_str(), 80.0),
+        ("\"80*sin(2*pi*1e5/3*t)\"", 80.0),
+        ("\"80*exp(-t/0.01)*sin(4e4*t)\"", decaying),
+        ("\"if(t < 0.012345678, 1e4*t, 1)\"", 123.45678),
+    ] {
+        let text = format!(
+            "{STRIP}{}{CLAMPED}{}load = {{ force = [{{ at = [1.0, 0.05], value = {value} }}] }}\n",
+            grid("fvs", 2, 1),
+            newmark("singular", 1e-5, 0.03)
+        );
+        let loads = study::check(&scene(&text)).unwrap().loads;
+        let largest = loads[0].largest.as_ref().unwrap().1.force.abs();
+        assert!((largest / peak - 1.0).abs() <= 2e-6, "{value}: {largest}");
+    }
 }

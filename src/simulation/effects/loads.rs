@@ -165,6 +165,37 @@ impl Resultant {
         self.force += factor * of.force;
         (0..2).for_each(|k| self.moments[k] += factor * of.moments[k]);
     }
+
+    /// Returns force and moments, the force times an arm (m), in N m.
+    fn parts(self, arm: f64) -> [f64; 3] {
+        [self.force * arm, self.moments[0], self.moments[1]]
+    }
+}
+
+/// Load whose distribution does not change: the sum of products of a factor of time and a resultant.
+struct TimedResultant(Vec<(FieldInput, Resultant)>);
+
+impl TimedResultant {
+    fn value(&self, t: f64) -> Result<Resultant> {
+        let mut sum = Resultant::default();
+        for (time, of) in &self.0 {
+            sum.add(time.at(Point::origin(), t)?, *of);
+        }
+        Ok(sum)
+    }
+
+    /// Returns a bound on the magnitudes of the [parts](Resultant::parts), added up, between two
+    /// instants (s).
+    fn bound(&self, from: f64, to: f64, arm: f64) -> f64 {
+        let mut sums = [Interval::point(0.0); 3];
+        for (time, of) in &self.0 {
+            let range = time.range(Point::origin(), from, to);
+            for (sum, part) in sums.iter_mut().zip(of.parts(arm)) {
+                *sum = sum.plus(range.scaled(part));
+            }
+        }
+        sums.iter().map(|sum| sum.magnitude()).sum()
+    }
 }
 
 /// Resultants of a load over the run.
@@ -174,13 +205,18 @@ pub struct LoadTotal {
     pub key: String,
     /// Resultant at the start.
     pub start: Resultant,
-    /// Instant (s) and resultant of the largest load, among a thousand instants of the run; for
-    /// time-dependent loads.
+    /// Instant (s) and resultant of the largest load during the run, for time-dependent loads; among
+    /// a hundred instants for a pressure that is no sum of products of time and place.
     pub largest: Option<(f64, Resultant)>,
 }
 
-/// Number of instants at which time-dependent loads are evaluated for their resultants.
+/// Number of instants at which time-dependent loads are evaluated for their resultants. Between two
+/// of them the largest one is sought by halving where the bounds of the load exceed it.
 const INSTANTS: u64 = 1000;
+/// Excess of a bound over the largest load, relative to it, up to which there is no further search,
+/// and the largest number of bounds.
+const CLOSE: f64 = 1e-6;
+const MOST_BOUNDS: u64 = 50_000;
 
 /// Number of instants for loads that must be integrated at each.
 const WAVE_INSTANTS: u64 = 100;
@@ -202,19 +238,39 @@ pub(super) fn totals<P: Partition>(ground: &BuildContext<P>, attached: &Attached
         attached.add_weight(load.gravity, &mut weight);
         totals.push(still("load.gravity", &weight));
     }
-    let over_time = |key: &str, instants: u64, at: &dyn Fn(f64) -> Result<Resultant>| {
-        let (mut most, mut largest) = (-1.0, (0.0, Resultant::default()));
-        let size = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.coords.norm()));
+    let arm = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.coords.norm()));
+    let push = |of: Resultant| of.parts(arm).iter().map(|part| part.abs()).sum::<f64>();
+    let end = scene.time.end;
+    let among = |instants: u64, at: &dyn Fn(f64) -> Result<Resultant>| {
         let instants = instants.min(scene.time.steps());
-        for instant in 0..=instants {
-            let t = scene.time.end * instant as f64 / instants as f64;
+        let times: Vec<f64> = (0..=instants).map(|k| end * k as f64 / instants as f64).collect();
+        let mut largest = (0.0, at(0.0)?);
+        for &t in &times {
             let of = at(t)?;
-            let push = of.force.abs() * size + of.moments[0].abs() + of.moments[1].abs();
-            if push > most {
-                (most, largest) = (push, (t, of));
+            if push(of) > push(largest.1) {
+                largest = (t, of);
             }
         }
-        Ok::<_, crate::Error>(LoadTotal { key: key.into(), start: at(0.0)?, largest: Some(largest) })
+        Ok::<_, crate::Error>((times, largest))
+    };
+    let over_time = |key: &str, load: &TimedResultant| {
+        let (times, mut largest) = among(INSTANTS, &|t| load.value(t))?;
+        let mut pending: Vec<[f64; 2]> = times.windows(2).map(|ends| [ends[0], ends[1]]).collect();
+        for _ in 0..MOST_BOUNDS {
+            let Some([from, to]) = pending.pop() else { break };
+            let middle = 0.5 * (from + to);
+            let is_short = to - from <= f64::EPSILON * end;
+            if is_short || load.bound(from, to, arm) <= (1.0 + CLOSE) * push(largest.1) {
+                continue;
+            }
+            // The run need not evaluate the load at this instant, where it may have no value.
+            if let Some(of) = load.value(middle).ok().filter(|of| push(*of) > push(largest.1)) {
+                largest = (middle, of);
+            }
+            pending.extend([[from, middle], [middle, to]]);
+        }
+        let start = load.value(0.0)?;
+        Ok::<_, crate::Error>(LoadTotal { key: key.into(), start, largest: Some(largest) })
     };
     let pressure = &load.pressure;
     if !pressure.changes() {
@@ -224,33 +280,24 @@ pub(super) fn totals<P: Partition>(ground: &BuildContext<P>, attached: &Attached
     } else if let Some(terms) = pressure.terms() {
         let term =
             |[time, place]: [FieldInput; 2]| Ok::<_, crate::Error>((time, of(&ground.pressed(&place)?)));
-        let terms: Vec<(FieldInput, Resultant)> = terms.into_iter().map(term).collect::<Result<_>>()?;
-        totals.push(over_time(&pressure.key, INSTANTS, &|t| {
-            let mut sum = Resultant::default();
-            for (time, of) in &terms {
-                sum.add(time.at(Point::origin(), t)?, *of);
-            }
-            Ok(sum)
-        })?);
+        let terms = terms.into_iter().map(term).collect::<Result<_>>()?;
+        totals.push(over_time(&pressure.key, &TimedResultant(terms))?);
     } else {
         let wave = Wave::new(ground, pressure)?;
-        totals.push(over_time(&pressure.key, WAVE_INSTANTS, &|t| Ok(of(&wave.load(t)?)))?);
+        let value = |t: f64| Ok(of(&wave.load(t)?));
+        let (_, largest) = among(WAVE_INSTANTS, &value)?;
+        totals.push(LoadTotal { key: pressure.key.clone(), start: value(0.0)?, largest: Some(largest) });
     }
     for (number, force) in load.forces.iter().enumerate() {
         let mut unit = vec![0.0; space.dofs()];
         if let Some(spot) = ground.spot(&format!("load.force.{number}.at"), force.at)? {
             spot.free.push(1.0, &mut unit);
         }
-        let unit = of(&unit);
-        let at = |t: f64| {
-            let mut sum = Resultant::default();
-            sum.add(force.value.at(Point::origin(), t)?, unit);
-            Ok(sum)
-        };
         let key = format!("load.force.{number}");
+        let load = TimedResultant(vec![(force.value.clone(), of(&unit))]);
         totals.push(match force.value.changes() {
-            true => over_time(&key, INSTANTS, &at)?,
-            false => LoadTotal { key, start: at(0.0)?, largest: None },
+            true => over_time(&key, &load)?,
+            false => LoadTotal { key, start: load.value(0.0)?, largest: None },
         });
     }
     Ok(totals)
