@@ -1,7 +1,7 @@
 //! The exact scheme, compared with an independent program, closed forms, and theory.
 
-use crate::common::models::{PAPER_FALL, literal};
-use crate::common::{Random, block, lift};
+use crate::common::models::{PAPER_FALL, PAPER_PLATE, literal};
+use crate::common::{Random, block, lift, scenes};
 use rebond::Error;
 use rebond::linalg::{Native, SingularMassCell};
 use rebond::obstacle::Bounds;
@@ -565,4 +565,28 @@ fn a_consistent_mass_is_refused() {
     let model = Model::new(&scene).unwrap();
     let error = Exact::new(&model.system, 1e-3, model.start.clone()).map(drop).unwrap_err();
     assert!(error.to_string().contains("singular"), "{error}");
+}
+
+/// A ball in flight meets no force, and its row of the balance is the rounding of what the plate
+/// does. Over a plate at rest it flies by the law of Galilei.
+#[test]
+fn a_rigid_ball_flies_over_a_plate_that_is_released() {
+    let (cells, modes) = ("mass = \"singular\"", "mass = \"modal\", modes = 8");
+    for (mass, pressure) in [(cells, 0), (cells, 1), (modes, 1)] {
+        let text = format!(
+            r#"
+            {PAPER_PLATE}
+            support = [{{ edge = "left", kind = "clamped" }}]
+            mesh = {{ element = "fvs", cells = [6, 2] }}
+            ball = [{{ at = [1.0, 0.2], mass = 0.5, height = 0.05, velocity = -0.1 }}]
+            initial = {{ static_pressure = {pressure} }}
+            time = {{ scheme = "exact", {mass}, step = 1e-3, end = 0.1 }}
+            output = {{ probes = [{{ name = "ball", ball = 0 }}] }}
+            "#
+        );
+        for scenes::Instant { time, probes, .. } in scenes::run(&text) {
+            let expected = 0.05 - 0.1 * time;
+            assert!((probes[0] - expected).abs() <= 1e-13, "{mass}: {time} s, {:e}", probes[0]);
+        }
+    }
 }

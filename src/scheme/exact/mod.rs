@@ -184,16 +184,23 @@ impl<'s, E: Engine> Exact<'s, E> {
             ));
         }
         require_memory(system, if is_modal { expected_candidates(bounds.len()) } else { bounds.len() })?;
+        let inertia = match mass {
+            Form::Modal { consistent, .. } => &Form::Cells(consistent.clone()),
+            _ => mass,
+        };
         let (basis, saddle): (_, Box<dyn SaddlePointSolver>) = match mass {
-            Form::Modal { consistent, modes } => (
+            Form::Modal { modes, .. } => (
                 Rc::new(VelocityBasis::new(system)?),
-                Box::new(ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), modes)?),
+                Box::new(ModalSaddlePoint::new(system, inertia, modes)?),
             ),
             _ => {
                 let saddle = CellSaddlePoint::new(system)?;
                 (saddle.basis().clone(), Box::new(saddle))
             }
         };
+        // A ball has no stiffness: its rows are measured by its inertia.
+        let with_mass = stiffness + inertia * saddle.shift();
+        let check = KktCheck::with_inertia(engine, &stiffness.into(), &with_mass)?;
         let first: Vec<usize> = if is_modal { Vec::new() } else { (0..bounds.len()).collect() };
         let mut reduction = ReducedModel::new(system, basis, &*saddle, &first)?;
         let mut reach = is_modal.then(|| Reach::new(&reduction, bounds, &options, dt));
@@ -212,7 +219,7 @@ impl<'s, E: Engine> Exact<'s, E> {
                 None => break (modal, motion),
             }
         };
-        check_rigid(system, &reduction, &motion.modes, &modal, &start.displacement)?;
+        check_rigid(system, &with_mass, &reduction, &motion.modes, &modal, &start.displacement)?;
         let search = EventSearch::new(&motion, options.stride, options.roundings, 0);
         let before = |&dof: &usize| Approach {
             time: 0.0,
@@ -230,7 +237,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             shape: OnceCell::new(),
             events: Vec::new(),
             touches: bounds.dofs.iter().map(before).collect(),
-            check: KktCheck::new(engine, &stiffness.into())?,
+            check,
             record: StepRecord::new(dt, bounded),
             statistics: EventStatistics::default(),
             saddle,

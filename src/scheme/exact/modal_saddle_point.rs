@@ -238,6 +238,10 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
         Ok(solutions)
     }
 
+    fn shift(&self) -> f64 {
+        self.shift
+    }
+
     fn rigid_contact(&self, compliance: &Mat<f64>, dofs: &[usize]) -> Error {
         let MassModes { squares, shapes, .. } = &*self.modes;
         let shapes = Mat::from_fn(dofs.len(), squares.len(), |i, k| shapes[(dofs[i], k)]);

@@ -47,6 +47,9 @@ pub(in crate::scheme) trait SaddlePointSolver {
     /// K + s M where K is singular.
     fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>>;
 
+    /// Returns the shift s of the factored K + s M, in (rad/s)^2; 0 where K is regular.
+    fn shift(&self) -> f64;
+
     /// Returns the error of a model in which some deflection has no compliance of its own, given
     /// the compliance (k x k, in m/N) of the deflections at some dofs.
     fn rigid_contact(&self, compliance: &Mat<f64>, dofs: &[usize]) -> Error;
@@ -147,6 +150,10 @@ impl<E: Engine> SaddlePointSolver for CellSaddlePoint<'_, E> {
 
     fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>> {
         solved(&mut *self.factor.borrow_mut(), forces)
+    }
+
+    fn shift(&self) -> f64 {
+        self.shift
     }
 
     fn rigid_contact(&self, _compliance: &Mat<f64>, _dofs: &[usize]) -> Error {

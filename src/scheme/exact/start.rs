@@ -4,7 +4,7 @@ use super::event_resolution;
 use super::modes::Modes;
 use super::reduction::ReducedModel;
 use crate::error::{Error, Result};
-use crate::linalg::Engine;
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::scheme::System;
 use crate::vi::{Answer, BoundStatus, DenseProblem};
@@ -17,9 +17,11 @@ const RIGID_STRAIN: f64 = 1e-12;
 const MAX_HIDDEN_ENERGY: f64 = 1e-6;
 
 /// Checks that the rigid part of the initial state has no strain: the slowest modes of a strip ten
-/// thousand times longer than wide are lost in the rounding error of the fastest.
+/// thousand times longer than wide are lost in the rounding error of the fastest. The parts of the
+/// strain are those of K + s M: a ball has no stiffness, and its motion no strain but rounding.
 pub(super) fn check_rigid<E: Engine>(
     system: &System<E>,
+    with_mass: &LinearCombination,
     reduction: &ReducedModel,
     modes: &Modes,
     state: &Mat<f64>,
@@ -30,7 +32,7 @@ pub(super) fn check_rigid<E: Engine>(
     let shape = &reduction.lift * rigid;
     let x = shape.col_as_slice(0);
     let (mut force, mut sizes) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-    engine.multiply_with_magnitude(&stiffness.into(), x, &mut force, &mut sizes)?;
+    engine.multiply_with_magnitude(with_mass, x, &mut force, &mut sizes)?;
     let size = engine.dot(&sizes, &x.iter().map(|x| x.abs()).collect::<Vec<_>>())?;
     let energy = engine.multiply(stiffness, x, &mut force)?;
     let whole = engine.multiply(stiffness, start, &mut force)?;
