@@ -60,6 +60,11 @@ impl Scene {
         !self.obstacles.is_empty() || !self.attachments.balls.is_empty()
     }
 
+    /// Returns whether a ball touches the plate without a stiffness of its own.
+    pub fn has_rigid_ball(&self) -> bool {
+        self.attachments.balls.iter().any(|ball| ball.compliance.is_none())
+    }
+
     /// Returns the compliance of each compliant stop, obstacle or ball, with the key of its table.
     pub fn compliances(&self) -> impl Iterator<Item = (String, Compliance)> {
         let of_obstacles = self.obstacles.iter().map(|of| of.compliance).enumerate();

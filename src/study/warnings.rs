@@ -79,7 +79,9 @@ fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
     let is_longer = |limit: &f64| step > *limit;
     let written = significant(step);
     if let Some(advised) = advised_for(scene, frequencies).filter(is_longer) {
-        let what = if scene.has_contact() {
+        let what = if scene.has_rigid_ball() {
+            "the rebound of a rigid ball"
+        } else if scene.has_contact() {
             "the deflection up to the second impact"
         } else {
             "the periods of the first six modes"

@@ -3,7 +3,7 @@
 
 use crate::common::models::{STRIP, UNIT};
 use crate::common::scenes::{close, grid, read, run_to_end, scene};
-use crate::common::{Random, difference, largest};
+use crate::common::{Random, difference, largest, scenes};
 use rebond::linalg::Engine;
 use rebond::simulation::{self, Contact, Model, NodeEvent, Observer, Row};
 use rebond::{Error, Result};
@@ -414,4 +414,31 @@ fn a_floor_that_rises_closes_at_its_speed() {
             close(&format!("{method:?}, {height}: time"), impact.time, 0.004, 1e-7);
         }
     }
+}
+
+/// A rigid ball on a stiff block leaves with what the block's fastest motion gives it. With the
+/// advised step its speed is that of the exact motion, which has no step.
+#[test]
+fn the_advised_step_follows_a_rigid_ball() {
+    let text = format!(
+        "plate = {{ length = 0.1, width = 0.1, thickness = 0.05, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7800 }}\n\
+         {}{}foundation = [{{ stiffness = 1e5 }}]\n\
+         ball = [{{ at = [0.05, 0.05], mass = 1.0, height = 1e-5, velocity = -1.0 }}]\n\
+         output.probes = [{{ name = \"v\", ball = 0, quantity = \"velocity\" }}]\n",
+        scenes::all_round("guided"),
+        scenes::grid("fvs", 4, 4)
+    );
+    let time = |scheme: &str, step: f64| {
+        format!(
+            "{text}time = {{ scheme = \"{scheme}\", mass = \"singular\", step = {step:e}, end = 6e-5 }}\n"
+        )
+    };
+    let speed = |text: &str| scenes::run(text).last().map(|row| row.probes[0]).unwrap();
+    let exact = speed(&time("exact", 1e-5));
+    let check = rebond::study::check(&scenes::scene(&time("conserving", 1e-5))).unwrap();
+    let advised = check.advised_step.unwrap();
+    let found = speed(&time("conserving", advised));
+    println!("{advised:e} s: {found} m/s, exact {exact} m/s");
+    assert!((found / exact - 1.0).abs() <= 0.01, "{advised:e} s: {found} m/s, exact {exact} m/s");
+    assert!(check.warnings.iter().any(|said| said.contains("the rebound of a rigid ball")), "{check:?}");
 }
