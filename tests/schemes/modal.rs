@@ -297,8 +297,8 @@ fn a_free_plate_that_hits_keeps_momentum_and_energy() {
     assert!(events > 20 && unbalanced <= 1e-9 && drift <= 1e-10, "{events}, {unbalanced:e}, {drift:e}");
 }
 
-/// Returns the energies of an exact run with the modal mass from row to row, in J, each taken before
-/// and after the state is saved.
+/// Returns the energies of an exact run with the modal mass from row to row, in J, each taken
+/// before and after the state is saved.
 fn energies_around_saves(text: &str) -> Vec<[f64; 2]> {
     let scene = Scene::from_str(text, "plate", &[]).unwrap();
     let model = Model::new(&scene).unwrap();

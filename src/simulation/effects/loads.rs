@@ -172,7 +172,7 @@ impl Resultant {
     }
 }
 
-/// Load whose distribution does not change: the sum of products of a factor of time and a resultant.
+/// Load that is a sum of products of a factor of time and a resultant.
 struct TimedResultant(Vec<(FieldInput, Resultant)>);
 
 impl TimedResultant {
@@ -205,8 +205,8 @@ pub struct LoadTotal {
     pub key: String,
     /// Resultant at the start.
     pub start: Resultant,
-    /// Instant (s) and resultant of the largest load during the run, for time-dependent loads; among
-    /// a hundred instants for a pressure that is no sum of products of time and place.
+    /// Instant (s) and resultant of the largest load during the run, for time-dependent loads;
+    /// among a hundred instants for a pressure that is no sum of products of time and place.
     pub largest: Option<(f64, Resultant)>,
 }
 
