@@ -336,16 +336,16 @@ fn a_ball_that_leaves_while_a_stop_is_pressed_takes_its_energy_along() {
 
 #[test]
 fn saving_a_state_does_not_change_it() {
-    let rows = energies_around_saves(
+    let rows = energies_around_saves(&format!(
         r#"
-        plate = { length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770.0 }
-        mesh = { element = "fvs", cells = [4, 2] }
-        support = [{ edge = "left", kind = "clamped" }]
-        obstacle = [{ side = "below", height = -0.001, line = [[1.2, 0.0], [1.2, 0.4]], stiffness = 1e5 }]
-        load = { pressure = -200.0 }
-        time = { scheme = "exact", mass = "modal", modes = 6, step = 1e-3, end = 0.05 }
-        "#,
-    );
+        {PAPER_PLATE}
+        mesh = {{ element = "fvs", cells = [4, 2] }}
+        support = [{{ edge = "left", kind = "clamped" }}]
+        obstacle = [{{ side = "below", height = -0.001, line = [[1.2, 0.0], [1.2, 0.4]], stiffness = 1e5 }}]
+        load = {{ pressure = -200.0 }}
+        time = {{ scheme = "exact", mass = "modal", modes = 6, step = 1e-3, end = 0.05 }}
+        "#
+    ));
     // The energy is that of the motion less the work of the load, and nothing damps.
     for [before, after] in &rows {
         assert!((before - rows[0][0]).abs() <= 1e-12 && before == after, "{before:e}, {after:e}");
