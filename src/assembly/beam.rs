@@ -9,15 +9,17 @@
 //!
 //! On each sub-cell w is a cubic, and the Gauss rules are exact on the pieces of the line there.
 
-use super::{CellArrays, Probe};
+use super::CellArrays;
 use crate::dof_map::PER_NODE;
 use crate::element::BasisFunction;
 use crate::error::Result;
 use crate::geometry;
+use crate::linalg::vectors::axpy;
 use crate::linalg::{BARE, ElementMatrix};
 use crate::mesh::{Mesh, Point};
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// Straight piece of a beam within a sub-cell.
 #[derive(Debug, Clone, Copy)]
@@ -26,6 +28,8 @@ pub struct BeamPiece {
     pub cell: usize,
     /// Ends, in m.
     pub ends: [Point; 2],
+    /// Share of the beam that the sub-cell carries: a side between sub-cells divides it equally.
+    pub share: f64,
 }
 
 /// Stiffness of a beam against bending and against torsion.
@@ -55,40 +59,13 @@ const SEPTIC: GaussRule = &[
 const WITHIN: f64 = 1e-10;
 
 impl BeamPiece {
-    /// Returns the length of the piece, in m.
-    pub fn length(&self) -> f64 {
-        (self.ends[1] - self.ends[0]).norm()
-    }
-
-    /// Returns the points of a Gauss rule with their weights, in m.
+    /// Returns the points of a Gauss rule with their weights, in m, which add up to the share of the
+    /// length.
     fn points(&self, rule: GaussRule) -> impl Iterator<Item = (Point, f64)> {
         let (half, middle) =
             (0.5 * (self.ends[1] - self.ends[0]), nalgebra::center(&self.ends[0], &self.ends[1]));
-        rule.iter().map(move |(place, weight)| (middle + half * *place, weight * half.norm()))
-    }
-
-    /// Returns the points of the rule that integrates the squared deflection, with weights in m and
-    /// the deflection at each.
-    ///
-    /// # Errors
-    /// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
-    pub fn deflections(&self, mesh: &Mesh) -> Result<Vec<(Point, f64, Probe)>> {
-        let at = |(point, weight)| Ok((point, weight, Probe::in_cell(mesh, self.cell, point, value)?));
-        self.points(SEPTIC).map(at).collect()
-    }
-
-    /// Adds the integral of the deflection to `sums`, one entry per deflection and slope of all
-    /// nodes.
-    ///
-    /// # Errors
-    /// Returns the errors of [`BeamPiece::deflections`].
-    pub fn add_integral(&self, mesh: &Mesh, sums: &mut BTreeMap<usize, f64>) -> Result<()> {
-        for (point, weight) in self.points(CUBIC) {
-            for (dof, share) in Probe::in_cell(mesh, self.cell, point, value)?.weights() {
-                *sums.entry(*dof).or_insert(0.0) += weight * share;
-            }
-        }
-        Ok(())
+        let scale = self.share * half.norm();
+        rule.iter().map(move |(place, weight)| (middle + half * *place, weight * scale))
     }
 
     /// Adds the stiffness of the piece to a matrix over the cell's dofs, stored by rows.
@@ -108,18 +85,45 @@ impl BeamPiece {
             let bent: Vec<f64> = basis.iter().map(bend).collect();
             let twisted: Vec<f64> = basis.iter().map(twist).collect();
             for (stiffness, values) in [(of.bending, bent), (of.torsion, twisted)] {
-                for (i, row) in matrix.chunks_exact_mut(values.len()).enumerate() {
-                    let scale = weight * stiffness * values[i];
-                    row.iter_mut().zip(&values).for_each(|(entry, value)| *entry += scale * value);
-                }
+                add_square(weight * stiffness, &values, matrix);
             }
         }
         Ok(())
     }
 }
 
-fn value(of: &BasisFunction) -> f64 {
-    of.value
+/// Adds scale v v^T to a matrix, stored by rows.
+fn add_square(scale: f64, v: &[f64], matrix: &mut [f64]) {
+    for (row, value) in matrix.chunks_exact_mut(v.len()).zip(v) {
+        axpy(scale * value, v, row);
+    }
+}
+
+/// Adds the mass of a beam, in kg/m, to the arrays of the cells that its pieces lie in.
+///
+/// The means of the singular mass are then those of plate and beam together: one velocity per cell
+/// remains, and the rows of B are independent wherever the beam lies.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
+pub fn add_beam_mass(mesh: &Mesh, cells: &mut [CellArrays], mass: f64, pieces: &[BeamPiece]) -> Result<()> {
+    let classes = cells.len();
+    for piece in pieces {
+        let cell = &mut cells[piece.cell];
+        // The cell has no congruent ones any more; from `BARE` on it never had.
+        if cell.class < BARE {
+            cell.class = classes + piece.cell;
+        }
+        let local = Rc::make_mut(&mut cell.local);
+        let element = mesh.element(piece.cell)?;
+        for (point, weight) in piece.points(SEPTIC) {
+            let values: Vec<f64> = element.basis_at(point).iter().map(|basis| basis.value).collect();
+            add_square(mass * weight, &values, Rc::make_mut(&mut local.mass));
+            axpy(mass * weight, &values, Rc::make_mut(&mut local.coupling));
+            local.weight += mass * weight;
+        }
+    }
+    Ok(())
 }
 
 /// Returns the contributions of beams to the stiffness, each with its cell.

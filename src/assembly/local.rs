@@ -11,7 +11,8 @@ use nalgebra::{DVector, SMatrix, Vector3};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Local arrays of a cell, shared by all cells congruent to it.
+/// Local arrays of a cell, shared by all cells congruent to it; the masses are those of the plate
+/// and of the ribs in the cell.
 #[derive(Debug, Clone)]
 pub struct Local {
     /// Stiffness K, n x n, row by row, in N/m between deflections.
@@ -20,7 +21,7 @@ pub struct Local {
     pub mass: Rc<[f64]>,
     /// Integrals of the basis functions, n entries, in m^2 for deflections.
     pub moments: Rc<[f64]>,
-    /// Row of B, the integrals of surface density times basis function, n entries, in kg for
+    /// Row of B, the integrals of density times basis function, n entries, in kg for
     /// deflections.
     pub coupling: Rc<[f64]>,
     /// Entry of C, the mass of the cell, in kg.

@@ -17,14 +17,14 @@ mod samples;
 mod site_blocks;
 mod sites;
 
-pub use beam::{BeamPiece, BeamStiffness, beams, line_in_cells};
+pub use beam::{BeamPiece, BeamStiffness, add_beam_mass, beams, line_in_cells};
 pub use edge::{EdgeSprings, cells_at_sides, edge_springs};
 pub use foundation::foundation;
 pub use local::Local;
 pub use patches::CurvatureRow;
 pub use pressure::Pressure;
 pub use probe::Probe;
-pub use products::{consistent_momenta, forces, singular_momenta, squares};
+pub use products::{centres_of_mass, consistent_momenta, forces, singular_momenta, squares};
 pub use recovery::{Recovery, values_in_slot, vertex_weights};
 pub use site_blocks::{SITES, SiteBlock, StencilSums};
 pub use sites::{RecoverySite, sum_over_ranks};

@@ -3,7 +3,7 @@
 use super::{CellArrays, Local};
 use crate::dof_map::PER_NODE;
 use crate::linalg::vectors::dot;
-use crate::mesh::{Cell, Mesh};
+use crate::mesh::{Cell, Mesh, Point};
 
 /// Adds the forces K U over the free dofs, in N for deflections. U holds the values at all dofs of
 /// the mesh, three per node, held ones included.
@@ -40,6 +40,22 @@ pub fn singular_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], moment
         let local: Vec<f64> = coupling.iter().map(|b| b * velocity).collect();
         cell.add(&local, momentum);
     }
+}
+
+/// Returns the centre of mass of each cell, in m: the means of x and y.
+pub fn centres_of_mass(mesh: &Mesh, cells: &[CellArrays]) -> impl Iterator<Item = Point> {
+    cells.iter().zip(&mesh.cells).map(|(cell, of)| {
+        let mean = |axis: usize| {
+            let mut shape = [0.0; PER_NODE];
+            shape[1 + axis] = 1.0;
+            let values = of.nodes().iter().flat_map(|&node| {
+                shape[0] = mesh.nodes[node][axis];
+                shape
+            });
+            dot(&cell.local.coupling, &values.collect::<Vec<_>>()) / cell.local.weight
+        };
+        Point::new(mean(0), mean(1))
+    })
 }
 
 /// Returns the entries at the dofs of a cell of a vector over all dofs of the mesh.

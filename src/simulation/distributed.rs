@@ -92,7 +92,8 @@ impl Model<Distributed> {
         }
         super::phase("matrices");
         let body = PlateAssembly::new(scene, &part.mesh, comm)?;
-        let cells = comm.all_ok(assembly::cells(&part.mesh, &part.space, &body))?;
+        let mut cells = comm.all_ok(assembly::cells(&part.mesh, &part.space, &body))?;
+        super::effects::add_rib_masses(scene, &part.mesh, comm, &mut cells)?;
         let partition = MeshPart::new(&part, &engine)?;
         let ground = BuildContext {
             scene,

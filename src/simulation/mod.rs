@@ -187,7 +187,8 @@ fn on_ground<R>(
     phase("matrices");
     let stops = stops_on(scene, mesh, holds)?;
     let space = space.with_tips(stops.iter().map(|stop| stop.node));
-    let cells = assembly::cells(mesh, &space, &PlateAssembly::new(scene, mesh, &SelfComm)?)?;
+    let mut cells = assembly::cells(mesh, &space, &PlateAssembly::new(scene, mesh, &SelfComm)?)?;
+    effects::add_rib_masses(scene, mesh, &SelfComm, &mut cells)?;
     let gaps: Vec<_> = (0..scene.attachments.ball_dofs()).map(|dof| Some(space.extra(dof))).collect();
     act(&BuildContext {
         scene,

@@ -16,7 +16,7 @@ use crate::linalg::{BARE, ElementMatrix, SingularMassCell};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scene::{self, Mass};
+use crate::scene;
 use crate::simulation::refinement::seen;
 use crate::simulation::regions::cells_in;
 use std::rc::Rc;
@@ -36,8 +36,6 @@ pub(super) struct Attached<'s> {
     pub stops: StopSprings,
     /// First class number that is not used by the cells of a matrix.
     first_class: usize,
-    /// Whether the singular mass is that of the scene.
-    is_singular: bool,
 }
 
 impl<'s> Attached<'s> {
@@ -68,9 +66,9 @@ impl<'s> Attached<'s> {
         }
         let first_class = BARE + 4 * ground.cells.len();
         let (foundations, edges) = (foundations(ground)?, ElasticEdges::new(ground)?);
-        let (ribs, is_singular) = (Ribs::new(ground)?, scene.time.mass == Mass::Singular);
+        let ribs = Ribs::new(ground)?;
         let stops = StopSprings::new(ground, &balls, first_class + springs.len() + balls.len());
-        Ok(Attached { foundations, edges, ribs, springs, masses, balls, stops, first_class, is_singular })
+        Ok(Attached { foundations, edges, ribs, springs, masses, balls, stops, first_class })
     }
 
     /// Returns an error where the mesh has several parts and one of them is not held by itself.
@@ -85,15 +83,9 @@ impl<'s> Attached<'s> {
         &self.springs
     }
 
-    /// Returns the masses fixed on the plate, then the balls, then the masses of the ribs, as the
-    /// scene's mass has them.
-    pub fn masses(&self) -> impl Iterator<Item = &LumpedMass> {
-        self.with_ribs(self.is_singular)
-    }
-
-    /// Returns all masses, with those of the ribs for the singular or for the consistent mass.
-    fn with_ribs(&self, is_singular: bool) -> impl Iterator<Item = &LumpedMass> {
-        self.masses.iter().chain(if is_singular { &self.ribs.means } else { &self.ribs.points })
+    /// Returns the masses fixed on the plate, then the balls.
+    pub fn masses(&self) -> &[LumpedMass] {
+        &self.masses
     }
 
     /// Returns the matrices of foundations, elastic edges and ribs, each with its cell.
@@ -133,7 +125,7 @@ impl<'s> Attached<'s> {
     /// Returns `$M_r$` of the plate and its masses.
     pub fn consistent_mass(&self, cells: &[CellArrays]) -> Vec<ElementMatrix> {
         let mut blocks = assembly::consistent_mass(cells);
-        blocks.extend(self.forms(self.with_ribs(false)));
+        blocks.extend(self.forms(self.masses.iter()));
         blocks
     }
 
@@ -141,7 +133,7 @@ impl<'s> Attached<'s> {
     pub fn singular_mass(&self, cells: &[CellArrays]) -> Vec<SingularMassCell> {
         let mut rows = assembly::singular_mass(cells);
         let row = |(k, mass): (usize, &LumpedMass)| mass.spot.free.rider(mass.amount, self.first_class + k);
-        rows.extend(self.with_ribs(true).enumerate().map(row));
+        rows.extend(self.masses.iter().enumerate().map(row));
         rows
     }
 
@@ -154,9 +146,9 @@ impl<'s> Attached<'s> {
         lumps.enumerate().map(form)
     }
 
-    /// Adds the weight of masses, balls and ribs to `load` for a gravity (m/s^2), downward.
+    /// Adds the weight of masses and balls to `load` for a gravity (m/s^2), downward.
     pub fn add_weight(&self, gravity: f64, load: &mut [f64]) {
-        self.with_ribs(false).for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
+        self.masses.iter().for_each(|mass| mass.spot.free.push(-mass.amount * gravity, load));
     }
 
     /// Adds the forces of foundations, elastic edges and springs under a shape (three values per
@@ -174,19 +166,16 @@ impl<'s> Attached<'s> {
         self.ribs.add_forces(ground, shape, force);
     }
 
-    /// Adds the momenta of masses, balls and ribs for a velocity of this shape to `momentum`.
+    /// Adds the momenta of masses and balls for a velocity of this shape to `momentum`.
     pub fn add_momenta(&self, shape: &[f64], momentum: &mut [f64]) {
-        for LumpedMass { amount, spot, .. } in self.masses() {
+        for LumpedMass { amount, spot, .. } in &self.masses {
             spot.free.push(amount * spot.of_shape.deflection(shape), momentum);
         }
     }
 
-    /// Returns the positions of masses, balls and ribs, in m, in the order of their rows of B, each
-    /// with a number that tells it from others at the same place.
+    /// Returns the positions of masses and balls, in m, in the order of their rows of B.
     pub fn carried(&self) -> impl Iterator<Item = [f64; 3]> {
-        let masses = self.masses.iter().map(|mass| [mass.at.x, mass.at.y, 1.0]);
-        let ribs = self.ribs.means.iter().zip(&self.ribs.rib_of_mean);
-        masses.chain(ribs.map(|(mass, rib)| [mass.at.x, mass.at.y, 2.0 + *rib as f64]))
+        self.masses.iter().map(|mass| [mass.at.x, mass.at.y, 1.0])
     }
 
     /// Returns the rigid motions that nothing restrains, in words. Collective.
@@ -204,8 +193,7 @@ impl<'s> Attached<'s> {
     /// its centre line. Collective.
     pub fn refuse_weightless<P: Partition>(&self, ground: &BuildContext<P>) -> Result<()> {
         let fixed = self.masses[..self.masses.len() - self.balls.len()].iter().map(|mass| mass.at);
-        let fixed = fixed.chain(self.ribs.means.iter().map(|mass| mass.at));
-        let centres = (0..ground.mesh.cells.len()).map(|cell| ground.mesh.centroid(cell));
+        let centres = assembly::centres_of_mass(ground.mesh, ground.cells);
         match self.held(ground, &fixed.chain(centres).collect::<Vec<_>>()).mechanism() {
             None => Ok(()),
             Some(motion) => Err(Error::Singular(format!(

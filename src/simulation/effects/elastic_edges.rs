@@ -52,11 +52,7 @@ pub(super) fn springs_of<P: Partition>(
 
 /// Returns the sides of this process that no process before it has: a side inside the plate may lie
 /// between the parts of two. Collective.
-pub(super) fn own_sides(
-    mesh: &Mesh,
-    mut sides: Vec<[usize; 2]>,
-    comm: &impl Communicator,
-) -> Vec<[usize; 2]> {
+fn own_sides(mesh: &Mesh, mut sides: Vec<[usize; 2]>, comm: &impl Communicator) -> Vec<[usize; 2]> {
     let middle =
         |[a, b]: &[usize; 2]| -> [f64; 2] { nalgebra::center(&mesh.nodes[*a], &mesh.nodes[*b]).into() };
     let middles: Vec<[f64; 2]> = sides.iter().map(middle).collect();

@@ -32,6 +32,7 @@ pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
 pub(super) use of_cells::OfCells;
 pub(super) use reactions::{Reactions, Wrench};
+pub(super) use ribs::add_rib_masses;
 
 use super::{DeflectionDof, DofCoordinates, phase};
 use crate::communicator::Communicator;

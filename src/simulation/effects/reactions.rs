@@ -88,7 +88,7 @@ pub(in crate::simulation) struct Reactions {
     /// Cells at the elastic edges of named supports.
     edges: Vec<HeldCell>,
     springs: Vec<HeldLump>,
-    /// Masses, balls and masses of the ribs.
+    /// Masses and balls.
     masses: Vec<HeldLump>,
     /// Inertia of each mode of the modal mass at the held dofs; empty for other masses.
     modes: Vec<Vec<f64>>,
@@ -136,7 +136,7 @@ impl Reactions {
             cells: slots.cells(ground, &unheld),
             edges: edges(ground, &whole, &nodes)?,
             springs: slots.lumps(attached.springs().iter(), 0),
-            masses: slots.lumps(attached.masses(), mesh.cells.len()),
+            masses: slots.lumps(attached.masses().iter(), mesh.cells.len()),
             modes: Vec::new(),
             lifts: Vec::new(),
             loads: HeldLoads::new(loads, nodes.iter().map(|held| held.node).collect()),
@@ -301,7 +301,7 @@ impl Reactions {
                 cell.add_product(&local.mass, &values, &mut momentum);
             }
         }
-        let mut masses = attached.masses();
+        let mut masses = attached.masses().iter();
         push(&self.masses, |_| at(masses.next()), &mut momentum);
         HeldLift { force, momentum, on_edges, is_damped: !lift.is_rigid }
     }
