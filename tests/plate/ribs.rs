@@ -104,6 +104,44 @@ fn ribs_bend_and_twist_with_the_plate() {
     }
 }
 
+/// With the singular mass, ribs add no velocities, wherever they lie in the cells, and the mass is
+/// that of plate and ribs together. Two
+/// equal ribs on one line are one rib of twice the mass, whole or in halves.
+#[test]
+fn ribs_with_mass_add_no_velocities() {
+    let plate = [UNIT, &grid("fvs", 8, 8), CLAMPED].concat();
+    let rows = |ribs: &str| {
+        let scene = scene(&format!("{plate}rib = [{ribs}]\n{STILL}"));
+        let mesh = simulation::mesh(&scene).unwrap();
+        simulation::matrices(&scene, &mesh, false).unwrap().singular
+    };
+    for [[x0, y0], [x1, y1]] in [
+        [[0.0, 0.5], [1.0, 0.5]],
+        [[0.0, 0.5625], [1.0, 0.5625]],
+        [[0.0, 0.0], [1.0, 1.0]],
+        [[0.1, 0.2], [0.9, 0.63]],
+    ] {
+        let rib = |[a, b]: [[f64; 2]; 2], mass: f64| {
+            format!("{{ line = [{a:?}, {b:?}], bending = 1, mass = {mass} }}")
+        };
+        let (start, end, middle) = ([x0, y0], [x1, y1], [0.5 * (x0 + x1), 0.5 * (y0 + y1)]);
+        let one = rows(&rib([start, end], 20.0));
+        assert_eq!(one.len(), 64);
+        let total: f64 = one.iter().map(|row| row.mass).sum();
+        close("mass", total, 1.0 + 20.0 * (x1 - x0).hypot(y1 - y0), 1e-12);
+        let twice = [rib([start, end], 10.0), rib([end, start], 10.0)].join(", ");
+        let halves = [rib([start, middle], 20.0), rib([middle, end], 20.0)].join(", ");
+        for parts in [twice, halves] {
+            for (part, whole) in rows(&parts).iter().zip(&one) {
+                close("mass of a cell", part.mass, whole.mass, 1e-9);
+                for (part, whole) in part.row.iter().zip(&*whole.row) {
+                    assert!((part - whole).abs() <= 1e-9 * one[0].mass.max(1.0), "{part}, {whole}");
+                }
+            }
+        }
+    }
+}
+
 /// A strip without Poisson effect and a rib along its middle are one beam: bending stiffnesses and
 /// masses per length add up. The tip's deflection under a force is exact on quadrilaterals, and
 /// frequencies converge.
