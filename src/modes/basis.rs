@@ -32,6 +32,9 @@ const REFINED: f64 = 1e-9;
 const MAX_REFINEMENTS: usize = 4;
 const ACCEPTED: f64 = 1e-5;
 
+/// Relative distance of squared frequencies above which a count tells them apart.
+const APART: f64 = 1e-9;
+
 /// Number of searches for modes that the count has found missing.
 const MAX_SEARCHES: usize = 5;
 
@@ -55,16 +58,19 @@ pub struct ModalBasis {
     /// Momenta M x of the shapes, one column per mode.
     pub momenta: Mat<f64>,
     /// Residuals `$r = K x - \omega^2 M x$` in the norm of `$S^{-1}$`, where S is the factored
-    /// matrix (K, or K + s M for a mechanism), relative to the same norm of `$S x$`. The relative
-    /// error of a squared frequency is of the order of the squared residual, divided by the
-    /// relative distance to the first mode outside the basis.
+    /// matrix (K, or K + s M for a mechanism or a cluster), relative to the same norm of `$S x$`
+    /// or, in a cluster, of `$K x$` times the relative distance of `$\omega^2$` from the shift. The
+    /// relative error of a squared frequency is of the order of the squared residual, divided by
+    /// the relative distance to the first mode outside the basis or to the shift.
     pub residuals: Vec<f64>,
     /// Squared angular frequency of the next mode, in (rad/s)^2; infinite where none is known.
     pub next: f64,
     /// Number of systems of equations solved.
     pub solves: usize,
     /// Whether the inertia of `$K - \sigma M$` has confirmed that no mode is missing. An engine
-    /// that [cannot count](Engine::count_below) leaves this open.
+    /// that [cannot count](Engine::count_below) leaves this open. Modes of a cluster whose
+    /// squared frequencies differ relatively by less than 1e-9 are equal here: none is missing
+    /// below the cluster.
     pub is_complete: bool,
 }
 
@@ -212,6 +218,10 @@ fn ritz_vectors<E: Engine>(
             let all = space.is_exhausted() && wanted == pairs.squares.len();
             return Ok((space.vectors(&pairs, wanted), all));
         }
+        if wanted > 0 && inverse.approach(pairs.squares[0], pairs.squares[wanted - 1])? {
+            space = begin(inverse)?;
+            continue;
+        }
         look = (space.size() as f64 * GROWTH) as usize + BLOCK;
     }
 }
@@ -302,12 +312,15 @@ impl RitzModes {
         let own: Vec<f64> =
             columns.map(|j| dot(residuals.col_as_slice(j), corrections.col_as_slice(j))).collect();
         let sums = inverse.engine.comm().all_reduce_sum_slice(&own);
-        let relative = |(sum, square): (&f64, &f64)| (sum.max(0.0) / (square + inverse.shift)).sqrt();
+        let relative = |(sum, square): (&f64, &f64)| {
+            let distance = square + inverse.shift;
+            (sum.max(0.0) * distance).sqrt() / distance.max(*square)
+        };
         self.residuals = sums.iter().zip(&self.squares).map(relative).collect();
         Ok(corrections)
     }
 
-    /// Counts the eigenvalues below the widest gap after the first `count` modes and returns how
+    /// Counts the eigenvalues below the [widest gap](RitzModes::widest_gap) and returns how
     /// many of them are missing here; `None` where the engine cannot count. `all` says that no
     /// modes are known to follow.
     fn missing<E: Engine>(
@@ -323,8 +336,9 @@ impl RitzModes {
         Ok(counted.and_then(|counted| counted.checked_sub(below)))
     }
 
-    /// Returns the widest relative gap after the first `count` modes: the number of modes below it
-    /// and its middle.
+    /// Returns the widest relative gap after the first `count` modes or, where a cluster reaches
+    /// beyond the last mode, the gap below the cluster: the number of modes below it and its
+    /// middle.
     fn widest_gap(&self, count: usize, all: bool, least: f64) -> Option<(usize, f64)> {
         let mut squares = self.squares.clone();
         if all {
@@ -333,8 +347,10 @@ impl RitzModes {
         }
         let before = |i: usize| i.checked_sub(1).map_or(0.0, |i| squares[i]);
         let width = |i: usize| 1.0 - before(i) / squares[i];
-        let gaps = (count..squares.len()).filter(|&i| squares[i] > 0.0);
-        let widest = gaps.max_by(|&i, &j| width(i).total_cmp(&width(j)))?;
+        let is_gap = |i: &usize| squares[*i] > 0.0 && width(*i) > APART;
+        let gaps = (count..squares.len()).filter(is_gap);
+        let widest = gaps.max_by(|&i, &j| width(i).total_cmp(&width(j)));
+        let widest = widest.or_else(|| (0..count.min(squares.len())).rev().find(is_gap))?;
         Some((widest, 0.5 * (before(widest) + squares[widest])))
     }
 

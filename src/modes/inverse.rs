@@ -1,4 +1,4 @@
-//! Inverse of K + s M, factored once.
+//! Inverse of K + s M, factored anew where another shift s tells the wanted modes apart better.
 
 use super::blocks::{multiply, random_block};
 use crate::error::{Error, Result};
@@ -14,7 +14,21 @@ const SHIFT_DRIFT: f64 = 100.0;
 /// eigenvalue: a smaller shift would be lost in the rounding of K.
 const LEAST_SHIFT: f64 = 1e-13;
 
-/// Operator (K + s M)^-1, with s = 0 unless K belongs to a mechanism.
+/// Spread of the wanted eigenvalues, relative to the smallest, below which they are a cluster that
+/// the inverse of K hardly tells apart: those of a soft plate on a stiff bed.
+const CLUSTER: f64 = 0.1;
+
+/// Smallest distance of the shift from a cluster, as for [`LEAST_SHIFT`], the factor by which it
+/// has to come nearer to be worth a factorisation, and the factor by which it backs away from a
+/// cluster that begins below it.
+const LEAST_DISTANCE: f64 = 1e-12;
+const NEARER: f64 = 0.1;
+const BACK: f64 = 10.0;
+
+/// Operator (K + s M)^-1. It is positive definite.
+///
+/// Where K belongs to a mechanism, s is positive. Where the wanted modes are a cluster, s is
+/// negative, and the eigenvalue -s lies below the cluster by about its spread. Elsewhere s = 0.
 pub(super) struct ShiftedInverse<'e, E: Engine> {
     pub engine: &'e E,
     pub stiffness: &'e Form,
@@ -39,8 +53,7 @@ impl<'e, E: Engine> ShiftedInverse<'e, E> {
     ) -> Result<ShiftedInverse<'e, E>> {
         let (mut shift, mut least_shift) = (0.0, 0.0);
         if mechanism {
-            let x = random_block(engine, 1, 0);
-            let quotient = multiply(engine, stiffness, &x)?.1[0] / multiply(engine, mass, &x)?.1[0];
+            let quotient = rayleigh_quotient(engine, stiffness, mass)?;
             least_shift = LEAST_SHIFT * quotient;
             shift = (SHIFT * wanted(quotient)).max(least_shift);
             if !(shift > 0.0 && shift.is_finite()) {
@@ -64,6 +77,34 @@ impl<'e, E: Engine> ShiftedInverse<'e, E> {
         Ok(true)
     }
 
+    /// Factors again with the shift just below the wanted eigenvalues, from the first to the last,
+    /// where these are a cluster, so that the inverse tells them apart like those of a plate
+    /// without bed. Returns whether it did. Collective.
+    ///
+    /// The inertia proves that no eigenvalue lies below the shift, on engines that count.
+    pub fn approach(&mut self, first: f64, last: f64) -> Result<bool> {
+        let spread = last - first;
+        if self.mechanism || !(0.0..CLUSTER * first).contains(&spread) {
+            return Ok(false);
+        }
+        let [stiffness, mass] = [self.stiffness, self.mass];
+        let least = LEAST_DISTANCE * rayleigh_quotient(self.engine, stiffness, mass)?;
+        let mut distance = spread.max(least);
+        while distance < NEARER * (first + self.shift) {
+            let sigma = first - distance;
+            match self.engine.count_below(stiffness, mass, sigma)? {
+                None => return Ok(false),
+                Some(0) => {
+                    self.factor = factor(self.engine, stiffness, mass, -sigma)?;
+                    self.shift = -sigma;
+                    return Ok(true);
+                }
+                Some(_) => distance *= BACK,
+            }
+        }
+        Ok(false)
+    }
+
     /// Solves (K + s M) X = B in place, one system per column. Collective.
     pub fn solve(&mut self, x: &mut Mat<f64>) -> Result<()> {
         self.solves += x.ncols();
@@ -71,7 +112,13 @@ impl<'e, E: Engine> ShiftedInverse<'e, E> {
     }
 }
 
+/// Returns the Rayleigh quotient of a random vector, which is near the largest eigenvalue.
+fn rayleigh_quotient<E: Engine>(engine: &E, stiffness: &Form, mass: &Form) -> Result<f64> {
+    let x = random_block(engine, 1, 0);
+    Ok(multiply(engine, stiffness, &x)?.1[0] / multiply(engine, mass, &x)?.1[0])
+}
+
 fn factor<E: Engine>(engine: &E, stiffness: &Form, mass: &Form, shift: f64) -> Result<E::Factor> {
-    let sum = if shift > 0.0 { stiffness + mass * shift } else { stiffness.into() };
+    let sum = if shift != 0.0 { stiffness + mass * shift } else { stiffness.into() };
     engine.factor(&sum, &[])
 }

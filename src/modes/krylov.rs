@@ -24,6 +24,11 @@ const DEPENDENT: [f64; 2] = [1e-14, 1e-2];
 const CONVERGED: f64 = 1e-10;
 const ROUNDING: f64 = 1e-17;
 
+/// Share of [`CONVERGED`] to which a residual bound is small enough relative to the eigenvalue of
+/// `$K x = \lambda M x$` itself. Just above a negative shift, modes of a cluster that differ by
+/// less are equal.
+const RESOLUTION: f64 = 0.1;
+
 /// Krylov space under construction.
 pub(super) struct Krylov {
     /// Basis V in the first `size` columns.
@@ -207,7 +212,9 @@ impl Krylov {
         let largest = values.first().copied().unwrap_or(0.0);
         let enough = |(j, value): (usize, &f64)| {
             let bound = rest.col_as_slice(j).iter().map(|x| x * x).sum::<f64>().sqrt();
-            *value > 0.0 && bound <= CONVERGED * value + ROUNDING * largest
+            // The eigenvalue of K x = lambda M x over its distance from the shift.
+            let nearness = 1.0 - inverse.shift * value;
+            *value > 0.0 && bound <= CONVERGED * value * (RESOLUTION * nearness).max(1.0) + ROUNDING * largest
         };
         let converged = values.iter().enumerate().take_while(|pair| enough(*pair)).count();
         let squares = values.iter().map(|value| 1.0 / value - inverse.shift).collect();

@@ -1,6 +1,7 @@
 //! Natural frequencies of a scene's model on the native engine, and the time steps that they
 //! advise.
 
+use crate::error::Result;
 use crate::linalg::Form;
 use crate::modes;
 use crate::scene::{ContactSolver, EngineName, Scene, SchemeSpec};
@@ -38,25 +39,31 @@ pub(super) fn on_native_engine(scene: &Scene) -> Scene {
 }
 
 /// Returns the frequencies with the scene's mass.
-pub(super) fn frequencies_of(scene: &Scene, model: &Model) -> Frequencies {
+///
+/// # Errors
+/// Returns the errors of [`frequencies`].
+pub(super) fn frequencies_of(scene: &Scene, model: &Model) -> Result<Frequencies> {
     let is_loose = model.mechanism.is_some() || !scene.attachments.balls.is_empty();
     frequencies(model, &model.system.mass, is_loose)
 }
 
-/// Returns frequencies, empty where a rigid motion has no mass, so that they are undefined.
-pub(super) fn frequencies(model: &Model, mass: &Form, mechanism: bool) -> Frequencies {
+/// Returns frequencies. The highest is `None` where a rigid motion has no mass.
+///
+/// # Errors
+/// Returns the errors of [`modes::lowest`].
+pub(super) fn frequencies(model: &Model, mass: &Form, mechanism: bool) -> Result<Frequencies> {
     let (engine, stiffness) = (&model.system.engine, &model.system.stiffness);
     if let Form::Modal { modes, .. } = mass {
         let frequencies = || modes.squares.iter().map(|square| square.sqrt() / TAU);
-        return Frequencies {
+        return Ok(Frequencies {
             lowest: frequencies().take(MODES).collect(),
             highest: frequencies().next_back(),
-        };
+        });
     }
-    Frequencies {
-        lowest: modes::lowest(engine, stiffness, mass, MODES, mechanism).unwrap_or_default(),
+    Ok(Frequencies {
+        lowest: modes::lowest(engine, stiffness, mass, MODES, mechanism)?,
         highest: modes::highest(engine, stiffness, mass).ok(),
-    }
+    })
 }
 
 /// Returns the step that keeps the motion within 1 %, in s, rounded down to 1, 2 or 5 times 10^n.

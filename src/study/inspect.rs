@@ -202,8 +202,12 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let cells = engine.averages(rows);
     let singular = if is_modal { &system.mass } else { &cells };
     let consistent = engine.form(consistent);
-    let singular = frequencies(&model, singular, is_loose);
-    let consistent = frequencies(&model, &consistent, is_loose);
+    let [singular, consistent] = [singular, &consistent].map(|mass| frequencies(&model, mass, is_loose));
+    // A rigid motion may have no mass in the one that the scene does not use.
+    let (singular, consistent) = match scene.time.mass {
+        Mass::Consistent => (singular.unwrap_or_default(), consistent?),
+        Mass::Singular | Mass::Modal => (singular?, consistent.unwrap_or_default()),
+    };
     let own = if scene.time.mass == Mass::Consistent { &consistent } else { &singular };
     let (advised_step, energy_step) = (advised_for(scene, own), energy_step_for(scene, own));
     let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, own)));
@@ -243,7 +247,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let model = Model::new(&native)?;
     let Model { system, .. } = &model;
     let (mesh, made) = simulation::mesh_and_made(scene)?;
-    let frequencies = frequencies_of(scene, &model);
+    let frequencies = frequencies_of(scene, &model)?;
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries = system.engine.factor(&(&system.mass * inertia + &system.stiffness), &[])?.entries();
     let (set_up, seconds_per_step) = stopwatch(&native, &model)?;

@@ -4,6 +4,10 @@ use crate::common::plates::{Fvs, Hct, Matrices, Right, all_round, close};
 use rebond::Error;
 use rebond::dof_map::Support;
 use rebond::modes::{ModalBasis, ModeRange, lowest_basis};
+use rebond::scene::Scene;
+use rebond::scheme::System;
+use rebond::simulation::Model;
+use rebond::study;
 use std::f64::consts::PI;
 
 /// Asserts that the modes are orthonormal, have small residuals and have been counted.
@@ -104,5 +108,38 @@ fn modes_end_where_the_mass_does() {
         assert!(basis.squares[3] > 0.0);
         let error = modes(mass, existing + 1).unwrap_err();
         assert!(matches!(&error, Error::Singular(words) if words.contains("only")), "{error}");
+    }
+}
+
+/// A sheet on an even bed of stiffness k per area has the modes of the free sheet, with k over the
+/// mass per area added to each squared angular frequency. The first three, of rigid motions, are
+/// equal. The next have `$\omega_j^2 = D \lambda_j^2 / (\rho h L^4)$` with the published lambda of
+/// a free square (SDLS01: 13.49, 19.79, 24.43). Where the bed decides alone, all are equal.
+#[test]
+fn a_soft_sheet_on_a_stiff_bed_has_the_modes_of_the_free_sheet_above_those_of_the_bed() {
+    for (thickness, resolved) in [(1e-2_f64, true), (1e-4, false), (1e-6, false)] {
+        let text = format!(
+            "plate = {{ length = 1, width = 1, thickness = {thickness}, youngs_modulus = 1e7, poissons_ratio = 0.3, density = 1000 }}\n\
+             mesh = {{ element = \"fvs\", cells = [16, 16] }}\nfoundation = [{{ stiffness = 1e9 }}]\n\
+             time = {{ scheme = \"newmark\", mass = \"consistent\", step = 1e-5, end = 1e-5 }}\n"
+        );
+        let scene = Scene::from_str(&text, "bed.toml", &[]).unwrap();
+        let model = Model::new(&scene).unwrap();
+        let System { engine, stiffness, mass, .. } = &model.system;
+        let basis = lowest_basis(engine, stiffness, mass, ModeRange::Count(6), false).unwrap();
+        assert!(basis.is_complete && basis.solves < 600, "{thickness}: {} solves", basis.solves);
+        let areal = 1000.0 * thickness;
+        let bed = 1e9 / areal;
+        let rigidity = 1e7 * thickness.powi(3) / (12.0 * (1.0 - 0.3 * 0.3));
+        for (number, square) in basis.squares.iter().enumerate() {
+            let free = [0.0, 0.0, 0.0, 13.49_f64, 19.79, 24.43][number].powi(2) * rigidity / areal;
+            assert!((square / (bed + free) - 1.0).abs() < 1e-9, "{thickness}, mode {number}: {square}");
+            if resolved && free > 0.0 {
+                let ratio = (square - bed) / free;
+                assert!((ratio - 1.0).abs() < 0.03, "{thickness}, mode {number}: {ratio}");
+            }
+        }
+        let lowest = study::check(&scene).unwrap().frequencies.lowest;
+        assert_eq!(lowest.len(), 6, "{thickness}");
     }
 }
