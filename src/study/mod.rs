@@ -11,6 +11,7 @@ mod inspect;
 mod linearity;
 mod matrices;
 mod modal_figures;
+mod points;
 pub mod stability;
 mod static_reactions;
 mod warnings;

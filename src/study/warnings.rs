@@ -6,7 +6,7 @@
 //! on the matrices are computed here too, from a model on the native engine.
 
 use super::frequencies::{Frequencies, advised_for, energy_step_for, frequencies_of, on_native_engine};
-use super::{in_time, infsup, linearity};
+use super::{in_time, infsup, linearity, points};
 use crate::linalg::{Engine, Form};
 use crate::output::text::significant;
 use crate::scene::{Mass, Scene, Time};
@@ -20,8 +20,7 @@ pub const MOST_DOFS: usize = 20_000;
 /// Returns the warnings of a model on the native engine.
 pub fn warnings(scene: &Scene, model: &Model) -> Vec<String> {
     let is_small = model.system.engine.dofs() <= MOST_DOFS;
-    let frequencies = is_small.then(|| frequencies_of(scene, model));
-    judged(scene, &model.warnings, frequencies.as_ref().map(|frequencies| (model, frequencies)))
+    judged_with_matrices(scene, &model.warnings, is_small.then_some((scene, model)))
 }
 
 /// Returns the warnings of a model on another engine, with `dofs` dofs on all processes.
@@ -31,8 +30,21 @@ pub fn warnings(scene: &Scene, model: &Model) -> Vec<String> {
 pub fn warnings_apart(scene: &Scene, found: &[String], dofs: usize) -> Vec<String> {
     let native = on_native_engine(scene);
     let model = (dofs <= MOST_DOFS).then(|| Model::new(&native).ok()).flatten();
-    let frequencies = model.as_ref().map(|model| (model, frequencies_of(&native, model)));
-    judged(scene, found, frequencies.as_ref().map(|(model, frequencies)| (*model, frequencies)))
+    judged_with_matrices(scene, found, model.as_ref().map(|model| (&native, model)))
+}
+
+/// Returns the warnings of a run, whose natural frequencies may fail without ending it.
+fn judged_with_matrices(scene: &Scene, found: &[String], native: Option<(&Scene, &Model)>) -> Vec<String> {
+    match native.map(|(native, model)| (model, frequencies_of(native, model))) {
+        None => judged(scene, found, None),
+        Some((model, Ok(frequencies))) => judged(scene, found, Some((model, &frequencies))),
+        Some((_, Err(error))) => {
+            let mut warnings = judged(scene, found, None);
+            warnings
+                .push(format!("time.step is not judged, because the natural frequencies failed: {error}"));
+            warnings
+        }
+    }
 }
 
 /// Returns the warnings of the scene, those `found` while its model was built, and those of the
@@ -45,6 +57,7 @@ pub(super) fn judged(
     let mut warnings = found.to_vec();
     warnings.extend(of_scene(scene));
     warnings.extend(in_time::warnings(scene));
+    warnings.extend(points::warnings(scene));
     if let Some((model, frequencies)) = matrices {
         warnings.extend(of_step(scene, frequencies));
         warnings.extend(of_inf_sup(scene, model));

@@ -17,5 +17,6 @@ mod modes;
 mod moments;
 mod obstacle_plate;
 mod products;
+mod points;
 mod ribs;
 mod statics;

@@ -1,0 +1,128 @@
+//! Warnings of what has no limit under refinement, because it is held or loaded at a point.
+//!
+//! The deflection of a plate is continuous, but its slopes are merely square integrable with their
+//! derivatives: a point holds a deflection and no slope. A plate that is clamped at a point tends
+//! to one that is simply supported there, if only as the logarithm of the cell size. The moments
+//! beside a point force or a point support grow without end.
+
+use crate::mesh::{Mesh, Point};
+use crate::scene::{ProbeQuantity, Scene, SupportKind, SupportLocation};
+use crate::simulation;
+use std::collections::HashMap;
+
+/// Returns the warnings of a scene.
+pub(super) fn warnings(scene: &Scene) -> Vec<String> {
+    // An error here has been reported by what needs the mesh.
+    let Ok(mesh) = simulation::mesh(scene) else { return Vec::new() };
+    let mut warnings = held_slopes(scene);
+    warnings.extend(joints(&mesh));
+    warnings.extend(stresses(scene, &mesh));
+    warnings
+}
+
+/// Warns of supports that hold slopes at a point.
+fn held_slopes(scene: &Scene) -> Vec<String> {
+    let slopes = |kind| match kind {
+        SupportKind::Clamped => Some("clamped"),
+        SupportKind::Guided => Some("guided"),
+        SupportKind::SimplySupported | SupportKind::Elastic => None,
+    };
+    let mut warnings = Vec::new();
+    for (number, support) in scene.supports.iter().enumerate() {
+        let key = match support.stand {
+            SupportLocation::At(_) => "at",
+            SupportLocation::Point(_) => "point",
+            SupportLocation::Edge { .. } => continue,
+        };
+        if let Some(kind) = slopes(support.kind) {
+            warnings.push(format!(
+                "support.{number}.{key}: a point cannot hold a slope, so that a plate {kind} at a point has no limit under \
+                 refinement: hold it along the edge of a disc, or at several points with kind = \"simply_supported\""
+            ));
+        }
+    }
+    warnings
+}
+
+/// Warns of parts that a single node joins.
+fn joints(mesh: &Mesh) -> Option<String> {
+    let nodes = joining_nodes(mesh);
+    let place = mesh.nodes[*nodes.first()?];
+    let others = match nodes.len() - 1 {
+        0 => String::new(),
+        others => format!(" and at {others} other nodes"),
+    };
+    Some(format!(
+        "the mesh holds together at ({}, {}){others} by a single node: a point passes on no slope, so that the motion has no limit \
+         under refinement; join the parts along a side of their cells",
+        place.x, place.y
+    ))
+}
+
+/// Returns the nodes around which the cells do not all hang together by their sides.
+fn joining_nodes(mesh: &Mesh) -> Vec<usize> {
+    let mut sides = HashMap::<[usize; 2], usize>::new();
+    for side in mesh.cells.iter().flat_map(|cell| cell.edges()) {
+        let [a, b] = side;
+        *sides.entry([a.min(b), a.max(b)]).or_default() += 1;
+    }
+    let mut free_sides = vec![0; mesh.nodes.len()];
+    for (side, _) in sides.into_iter().filter(|(_, cells)| *cells == 1) {
+        side.iter().for_each(|&node| free_sides[node] += 1);
+    }
+    // A row of cells around a node has two free sides, at its ends. Every further row meets it by
+    // the node alone.
+    (0..mesh.nodes.len()).filter(|&node| free_sides[node] > 2).collect()
+}
+
+/// Warns of stresses and moments beside a point that is held or loaded.
+fn stresses(scene: &Scene, mesh: &Mesh) -> Vec<String> {
+    let points = points(scene, mesh);
+    let mut warnings = Vec::new();
+    for probe in scene.output.probes.iter().filter(|probe| is_of_curvature(probe.quantity)) {
+        let Some(cell) = mesh.locate(probe.at.into()) else { continue };
+        let corners = mesh.vertices(cell);
+        let size = corners.iter().map(|corner| (corner - corners[0]).norm()).fold(0.0, f64::max);
+        let is_corner =
+            |point: &Point| corners.iter().any(|corner| (corner - point).norm() <= crate::mesh::NEAR * size);
+        if let Some((what, _)) = points.iter().find(|(_, point)| is_corner(point)) {
+            warnings.push(format!(
+                "probe \"{}\": beside a point that is held or loaded ({what}) the {} has no limit under refinement: spread the force \
+                 over an area, or measure at some distance",
+                probe.name,
+                probe.quantity.axis().0
+            ));
+        }
+    }
+    warnings
+}
+
+/// Returns whether a quantity follows from the second derivatives of the deflection.
+fn is_of_curvature(quantity: ProbeQuantity) -> bool {
+    matches!(quantity, ProbeQuantity::Moment(_) | ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_))
+}
+
+/// Returns the points at which forces act on the plate, each with its table.
+fn points(scene: &Scene, mesh: &Mesh) -> Vec<(String, Point)> {
+    let mut points = Vec::new();
+    for (number, support) in scene.supports.iter().enumerate() {
+        let places = match &support.stand {
+            SupportLocation::At(at) => vec![Point::from(*at)],
+            SupportLocation::Point(name) => {
+                mesh.points.get(name).into_iter().flatten().map(|&node| mesh.nodes[node]).collect()
+            }
+            SupportLocation::Edge { .. } => Vec::new(),
+        };
+        points.extend(places.into_iter().map(|place| (format!("support.{number}"), place)));
+    }
+    let attachments = &scene.attachments;
+    let forces = scene.load.iter().flat_map(|load| &load.forces).map(|force| force.at);
+    let mut add = |table: &str, places: &mut dyn Iterator<Item = [f64; 2]>| {
+        let named = |(number, place): (usize, [f64; 2])| (format!("{table}.{number}"), place.into());
+        points.extend(places.enumerate().map(named));
+    };
+    add("load.force", &mut forces.into_iter());
+    add("spring", &mut attachments.springs.iter().map(|spring| spring.at));
+    add("mass", &mut attachments.masses.iter().map(|mass| mass.at));
+    points
+}
