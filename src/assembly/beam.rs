@@ -59,8 +59,8 @@ const SEPTIC: GaussRule = &[
 const WITHIN: f64 = 1e-10;
 
 impl BeamPiece {
-    /// Returns the points of a Gauss rule with their weights, in m, which add up to the share of the
-    /// length.
+    /// Returns the points of a Gauss rule with their weights, in m, which add up to the share of
+    /// the length.
     fn points(&self, rule: GaussRule) -> impl Iterator<Item = (Point, f64)> {
         let (half, middle) =
             (0.5 * (self.ends[1] - self.ends[0]), nalgebra::center(&self.ends[0], &self.ends[1]));

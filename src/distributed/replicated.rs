@@ -9,7 +9,7 @@ use faer::Mat;
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Factor of the matrix of all ranks with twice the digits of a double, which each rank has in full.
+/// Factor of the matrix of all ranks with twice the digits of a double, in full on each rank.
 ///
 /// It serves where rounding leaves a factor in doubles nothing of the slow motions: between cells a
 /// thousand times as long as wide. How much MUMPS leaves depends on the kernels of BLAS too.

@@ -94,7 +94,7 @@ fn along_sides(mesh: &Mesh, comm: &impl Communicator, sides: &[[usize; 2]]) -> V
     let sides: HashSet<[usize; 2]> = sides.iter().copied().map(sorted).collect();
     let mut own: Vec<(usize, [usize; 2])> = Vec::new();
     for (number, cell) in mesh.cells.iter().enumerate() {
-        let along = cell.edges().into_iter().map(sorted).filter(|side| sides.contains(side));
+        let along = cell.edges().map(sorted).filter(|side| sides.contains(side));
         own.extend(along.map(|side| (number, side)));
     }
     let middle = |[a, b]: [usize; 2]| -> [f64; 2] { nalgebra::center(&mesh.nodes[a], &mesh.nodes[b]).into() };
