@@ -164,6 +164,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         .damping
         .as_ref()
         .map_or(Damping::default(), |of| Damping { mass: of.mass, stiffness: of.stiffness });
+    phase("loads");
     let loads = Loads::new(ground, &attached)?;
     let mut system = System {
         engine,
