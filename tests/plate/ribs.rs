@@ -175,9 +175,9 @@ fn a_strip_with_a_rib_is_a_beam() {
             grid(element, along, across)
         ))
     };
-    // Where a cell of mass m and variance v of x moves with its mean, the motion w lacks the kinetic
-    // energy m v w'^2 / 2. Of the first mode, the integral of w'^2 over that of w^2 is as follows
-    // (D. Young and R. P. Felgar, 1949).
+    // Where a cell of mass m and variance v of x moves with its mean, the motion w lacks the
+    // kinetic energy m v w'^2 / 2. The integral of w'^2 of the first mode is as follows, relative
+    // to the integral of w^2 (D. Young and R. P. Felgar, 1949).
     let root = 1.875104068711961_f64;
     let shape = root * (root.sinh() - root.sin()) / (root.cosh() + root.cos());
     let slopes = shape * (2.0 + shape);
