@@ -164,3 +164,20 @@ fn motions_of_more_modes_approach_each_other_up_to_the_impact() {
         }
     }
 }
+
+/// Compliant stops add dofs, but none that carries inertia: they make room for no further mode.
+#[test]
+fn stops_make_room_for_no_modes() {
+    for stops in [&["obstacle=[]"][..], &["obstacle=[{ side = \"below\", height = -0.1, stiffness = 1e6 }]"]]
+    {
+        let refusal = |modes: usize| {
+            let mut scene = modal_scene(PAPER_FALL, "fvs", [10, 4], modes, 1e-5);
+            let stops: Vec<String> = stops.iter().map(ToString::to_string).collect();
+            scene = Scene::from_str(&scene.resolved(), "stops", &stops).unwrap();
+            Model::new(&scene).err().map(|why| why.to_string())
+        };
+        assert_eq!(refusal(DOFS / 2), None, "{stops:?}");
+        let said = refusal(DOFS / 2 + 1).unwrap();
+        assert!(said.contains("76 modes of 150 dofs"), "{stops:?}: {said}");
+    }
+}

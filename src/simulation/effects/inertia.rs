@@ -32,9 +32,11 @@ pub(super) fn modal_mass<E: Engine>(
     range: Option<ModeRange>,
     mechanism: bool,
 ) -> Result<(Form, Option<String>)> {
-    let dofs = engine.comm().all_reduce_sum(engine.dofs());
-    let default = ModeRange::Count(MODES.min(dofs / ADVISED).max(1));
     let mass = Form::Cells(consistent.clone());
+    // The tips of compliant stops are dofs without mass, which give the plate no further modes.
+    let masses = engine.diagonal(&(&mass).into())?;
+    let dofs = engine.comm().all_reduce_sum(masses.iter().filter(|mass| **mass > 0.0).count());
+    let default = ModeRange::Count(MODES.min(dofs / ADVISED).max(1));
     let too_many = |key: &str, count: usize| {
         let most = dofs / ADVISED;
         Err(Error::Scene(format!(
