@@ -22,20 +22,19 @@ const IMPATIENT: Duration = Duration::from_secs(1);
 /// Stack size of the listening thread, in bytes.
 const STACK: usize = 1 << 16;
 
-/// Signals that ask a run to stop. A terminal that closes sends the last.
-#[cfg(unix)]
-const SIGNALS: [i32; 3] = [SIGINT, SIGTERM, SIGHUP];
-#[cfg(not(unix))]
-const SIGNALS: [i32; 2] = [SIGINT, SIGTERM];
-
-/// Makes each of these signals a request to stop; a later one ends the program. A signal that was
-/// ignored when the program started, as `nohup` does with SIGHUP, stays ignored.
+/// Makes SIGINT, SIGTERM and SIGHUP, which a terminal that closes sends, a request to stop; a later
+/// one ends the program. SIGHUP stays ignored where it was when the program started, as `nohup` has
+/// it.
 ///
 /// # Errors
 /// Returns [`Error::Usage`] where the system refuses, [`Error::Memory`] where it has no room for a
 /// thread.
 pub(super) fn listen() -> Result<()> {
-    let asking = SIGNALS.into_iter().filter(|signal| !is_ignored(*signal));
+    let mut asking = vec![SIGINT, SIGTERM];
+    #[cfg(unix)]
+    if !ignores_hangup() {
+        asking.push(SIGHUP);
+    }
     let mut signals =
         Signals::new(asking).map_err(|why| Error::Usage(format!("signals cannot be caught: {why}")))?;
     let listen = move || {
@@ -56,12 +55,13 @@ pub(super) fn survive_full_files() {
     let _ = signal_hook::flag::register(signal_hook::consts::SIGXFSZ, Arc::default());
 }
 
-/// Returns whether the program was started with a signal ignored, as far as the system tells.
-fn is_ignored(signal: i32) -> bool {
+/// Returns whether the program was started with SIGHUP ignored, as far as the system tells.
+#[cfg(unix)]
+fn ignores_hangup() -> bool {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
     let mask = mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok());
-    mask.is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
+    mask.is_some_and(|mask| mask >> (SIGHUP - 1) & 1 == 1)
 }
 
 /// Returns whether a signal was received.

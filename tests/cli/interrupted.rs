@@ -64,7 +64,9 @@ impl Drop for Job {
 
 /// Starts the command.
 fn start(folder: &Path, arguments: &[&str]) -> Job {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_rebond"));
+    // The tests themselves may run under `nohup`.
+    let mut command = Command::new("env");
+    command.args(["--default-signal=HUP", env!("CARGO_BIN_EXE_rebond")]);
     let command = command.args(arguments).arg("--quiet").current_dir(folder).stderr(Stdio::piped());
     Job(Some(command.spawn().unwrap()))
 }
