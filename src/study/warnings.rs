@@ -104,6 +104,14 @@ fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
             "time.step = {written} s is too long to keep {what} to 1 %: {advised} s is advised"
         ));
     }
+    let takes_steps = !scheme.capabilities().is_event_driven;
+    if scene.has_rigid_ball() && frequencies.highest.is_none() && takes_steps {
+        warnings.push(
+            "the rebound of a rigid ball depends on time.step, and no step is advised, because the fastest frequency is not \
+             known: compare with half of it, or give the ball a stiffness"
+                .into(),
+        );
+    }
     if let (Some(limit), Some(highest)) =
         (energy_step_for(scene, frequencies).filter(is_longer), frequencies.highest)
     {

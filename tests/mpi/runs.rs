@@ -369,6 +369,19 @@ fn stopped(
     }
 }
 
+/// Copies a folder with all that it holds.
+fn copy_folder(from: &Path, to: &Path) {
+    std::fs::create_dir(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap() {
+        let (path, copy) = entry.map(|entry| (entry.path(), to.join(entry.file_name()))).unwrap();
+        if path.is_dir() {
+            copy_folder(&path, &copy);
+        } else {
+            std::fs::copy(path, copy).unwrap();
+        }
+    }
+}
+
 /// Options that make runs on several ranks reproducible: MUMPS on several ranks rounds differently
 /// each time, and a factor of the whole matrix on each rank does not.
 const SAME_EACH_TIME: [&str; 3] = ["--", "-pc_type", "redundant"];
@@ -392,11 +405,7 @@ fn goes_on(cases: &[(usize, &str)]) {
         let output = stopped(&folder, ranks, &run("same"), "same", "checkpoint-000000000042.bin");
         assert_fails(&output, 130, &["interrupted at step"]);
         for copy in ["fewer", "more"] {
-            let files = std::fs::read_dir(folder.join("same")).unwrap().map(|file| file.unwrap().path());
-            std::fs::create_dir(folder.join(copy)).unwrap();
-            for file in files.filter(|file| file.is_file()) {
-                std::fs::copy(&file, folder.join(copy).join(file.file_name().unwrap())).unwrap();
-            }
+            copy_folder(&folder.join("same"), &folder.join(copy));
         }
         succeeds(&on(&folder, ranks, &["resume", "same", "--quiet"]));
         let mut files = vec!["history.csv".to_owned(), "contacts.csv".into(), "fields.pvd".into()];
