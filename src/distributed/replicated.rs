@@ -11,8 +11,8 @@ use std::rc::Rc;
 
 /// Factor of the matrix of all ranks with twice the digits of a double, in full on each rank.
 ///
-/// It serves where rounding leaves a factor in doubles nothing of the slow motions: between cells a
-/// thousand times as long as wide. How much MUMPS leaves depends on the kernels of BLAS too.
+/// It replaces a factor in doubles that rounding has made useless for slow motions, as on cells a
+/// thousand times as long as wide. How many digits MUMPS loses also depends on the kernels of BLAS.
 pub struct ReplicatedFactor {
     context: Rc<Context>,
     factor: Cholesky,
