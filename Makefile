@@ -30,6 +30,8 @@ test: setup ## check format, lints, tests and documentation, with and without PE
 	@cargo fmt --check
 	$(call say,spelling)
 	@scripts/check_spelling.sh
+	$(call say,weight)
+	@scripts/weight.py --check
 	$(call say,lints)
 	@cargo clippy --release --all-targets --locked -- -D warnings
 	$(call say,build of the tests)
