@@ -34,13 +34,19 @@ pub const ON_ONE_MACHINE: &str =
 /// Returns the command under mpirun, which root may call too, as in a container. Its time limit
 /// allows for a busy machine that takes minutes for seconds of work.
 pub fn mpirun(folder: &Path, ranks: usize, arguments: &[&str]) -> Command {
+    let mut command = mpirun_program(folder, ranks, env!("CARGO_BIN_EXE_rebond"));
+    command.args(arguments);
+    command
+}
+
+/// Returns the command that starts any program under mpirun.
+pub fn mpirun_program(folder: &Path, ranks: usize, program: &str) -> Command {
     let mut command = Command::new("mpirun");
     command
         .args(ON_ONE_MACHINE.split(' '))
         .args(["--timeout", "2700", "-n"])
         .arg(ranks.to_string())
-        .arg(env!("CARGO_BIN_EXE_rebond"))
-        .args(arguments)
+        .arg(program)
         .env("OMPI_ALLOW_RUN_AS_ROOT", "1")
         .env("OMPI_ALLOW_RUN_AS_ROOT_CONFIRM", "1")
         .env_remove("PETSC_OPTIONS")
