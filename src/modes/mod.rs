@@ -78,12 +78,19 @@ pub fn shapes<E: Engine>(
 const SHIFT_SEARCH: (usize, f64) = (20, 0.1);
 const HIGHEST: (usize, f64) = (400, 1e-6);
 
+/// Largest lambda / sigma that is found, and largest growth of sigma from one factorisation to the
+/// next.
+const MOST_LAMBDA: f64 = 1e8;
+const MOST_GROWTH: f64 = 100.0;
+
 /// Returns the highest natural frequency, of the fastest motion that a time step has to follow, in
 /// Hz.
 ///
 /// Velocities v see the operator `$1 - \sigma W (K + \sigma M)^{-1} W^T$`, where `$W^T v$` is the
 /// momentum of v; its eigenvalues are `$\lambda / (\lambda + \sigma)$`. With sigma near the largest
-/// lambda, rounding does no harm.
+/// lambda, rounding does no harm. Where rows of B depend on each other, as on a plate that is held
+/// all round, some velocities have no momentum and belong to no deflection. Their eigenvalue is
+/// exactly 1, and is left out.
 ///
 /// # Errors
 /// Returns [`Error::Singular`] where K + sigma M is singular, because the mass does not see some
@@ -94,7 +101,8 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
     let mut product = vec![0.0; dofs];
     let elastic = engine.multiply(stiffness, &x, &mut product)?;
     let mut sigma = elastic / engine.multiply(mass, &x, &mut product)?;
-    let (mut steps, mut tolerance) = SHIFT_SEARCH;
+    let mut accuracy = SHIFT_SEARCH;
+    let limit = 1.0 - 1.0 / MOST_LAMBDA;
     loop {
         let mut factor = engine.factor(&(stiffness + mass * sigma), &[])?;
         let mut u = vec![0.0; dofs];
@@ -117,17 +125,18 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
                 Ok(())
             }
         };
-        let part = lanczos::largest(engine.velocities(mass), steps, tolerance, operator, metric)?;
+        let part = lanczos::largest(engine.velocities(mass), accuracy, limit, operator, metric)?;
         let value = sigma * part / (1.0 - part);
         if !(value.is_finite() && value > 0.0) {
             return Err(Error::Singular("the highest natural frequency is not a positive number".into()));
         }
-        if (steps, tolerance) == HIGHEST {
+        if accuracy == HIGHEST {
             return Ok(value.sqrt() / TAU);
         }
         if value <= 10.0 * sigma && sigma <= 10.0 * value {
-            (steps, tolerance) = HIGHEST;
+            accuracy = HIGHEST;
         }
-        sigma = value;
+        // Velocities without momentum that are not told apart yet have too large a value.
+        sigma = value.min(MOST_GROWTH * sigma);
     }
 }

@@ -221,7 +221,7 @@ impl Split {
             y.copy_from_slice(x);
             factor.solve(y)
         };
-        if lanczos::largest(cells, STEPS, 0.1, inverse, euclid)? > 1.0 / REGULAR {
+        if lanczos::largest(cells, (STEPS, 0.1), f64::INFINITY, inverse, euclid)? > 1.0 / REGULAR {
             return Ok(None);
         }
         let mut p = vec![0.0; cells];
@@ -240,7 +240,7 @@ impl Split {
             }
             Ok(())
         };
-        let largest = lanczos::largest(self.bounded, STEPS, TOLERANCE, excess, euclid)?;
+        let largest = lanczos::largest(self.bounded, (STEPS, TOLERANCE), f64::INFINITY, excess, euclid)?;
         Ok(Some(1.0 / (1.0 + largest).sqrt()))
     }
 }

@@ -1,9 +1,15 @@
 //! Natural frequencies, compared with independent programs and published values.
 
+use crate::common::models::UNIT;
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close};
+use crate::common::scenes;
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
 use rebond::dof_map::{DofMap, Rigid, Support};
+use rebond::linalg::{Engine, Form, Native};
 use rebond::mesh::ElementKind;
-use rebond::modes;
+use rebond::scheme::System;
+use rebond::{modes, study};
 use std::f64::consts::{PI, TAU};
 
 /// The paper's plate at 10 x 4, compared with GetFEM's matrices and dense eigenvalues by LAPACK.
@@ -130,6 +136,55 @@ fn modes_end_where_the_mass_does() {
     assert_eq!(values[..3], [0.0; 3]);
     let highest = modes::highest(&plate.engine, &plate.stiffness, &plate.singular).unwrap();
     close("highest", values[8], highest, 1e-8);
+}
+
+/// A rigid ball above a plate that is held all round, where rows of B depend on each other: the
+/// advised step is a twentieth of the fastest period.
+#[test]
+fn a_held_plate_below_a_ball_has_a_fastest_period() {
+    let mut dependent = 0;
+    for element in ["fvs", "hct"] {
+        for kind in ["clamped", "simply_supported", "guided"] {
+            for cells in [3, 4, 5, 8] {
+                let text = format!(
+                    "{UNIT}{}{}ball = [{{ at = [0.5, 0.5], mass = 3.0, height = 0.01 }}]\n\
+                     foundation = [{{ stiffness = 1.0 }}]\n{}",
+                    scenes::all_round(kind),
+                    scenes::grid(element, cells, cells),
+                    scenes::newmark("singular", 1e-3, 1e-3),
+                );
+                let (expected, massless) = dense_highest(&scenes::model(&text).system);
+                let check = study::check(&scenes::scene(&text)).unwrap();
+                let what = format!("{element} {kind} {cells}");
+                println!("{what}: {expected} Hz, {massless} velocities without momentum");
+                close(&what, check.frequencies.highest.unwrap(), expected, 1e-8);
+                let advised = check.advised_step.unwrap() * 20.0 * expected;
+                assert!((0.39..=1.0).contains(&advised), "{what}: {advised} of a twentieth of the period");
+                dependent += usize::from(massless > 0);
+            }
+        }
+    }
+    assert!(dependent > 12, "{dependent}");
+}
+
+/// Returns the highest frequency with the singular mass, and the number of velocities without
+/// momentum, from the dense eigenvalues of `$C^{-1/2} B (K + s M)^{-1} B^T C^{-1/2}$`.
+fn dense_highest(system: &System<Native>) -> (f64, usize) {
+    const SHIFT: f64 = 1e6;
+    let Form::SingularMassCells(mass) = &system.mass else { panic!("the mass is not singular") };
+    let dofs = system.engine.dofs();
+    let mut roots = Mat::<f64>::zeros(dofs, mass.rows().len());
+    for (j, cell) in mass.rows().iter().enumerate() {
+        for (dof, b) in cell.dofs.iter().zip(&*cell.row).filter_map(|(dof, b)| Some(((*dof)?, b))) {
+            roots[(dof, j)] += b / cell.mass.sqrt();
+        }
+    }
+    let mut shifted = &roots * roots.transpose() * SHIFT;
+    system.stiffness.for_each_lower(|row, column, entry| shifted[(row, column)] += entry);
+    let answers = shifted.llt(Side::Lower).unwrap().solve(&roots);
+    let values = (roots.transpose() * answers).self_adjoint_eigenvalues(Side::Lower).unwrap();
+    let massless = values.iter().filter(|value| **value < 1e-13 / SHIFT).count();
+    ((1.0 / values[massless] - SHIFT).sqrt() / TAU, massless)
 }
 
 /// Returns dimensionless frequencies of a unit square with the consistent mass.
