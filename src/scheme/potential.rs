@@ -223,7 +223,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 return Ok(Potential {
                     system,
                     penalty,
-                    check: KktCheck::with_inertia(engine, &alone, &sum)?,
+                    check: KktCheck::with_inertia(engine, &alone, &sum, 0.0)?,
                     sum,
                     solver,
                     stiffness: alone,

@@ -128,6 +128,8 @@ pub struct KktCheck {
     /// Dofs without stiffness, each with the scale of its inertia; `None` where inertia does not
     /// count.
     loose: Option<Vec<(usize, f64)>>,
+    /// Least magnitude of a deflection without stiffness times its scale, in sqrt(J).
+    least_size: f64,
     /// All rows. Their couplings bound their magnitudes from below.
     blocks: Vec<RowBlock>,
     residual: Vec<f64>,
@@ -150,6 +152,7 @@ impl KktCheck {
             scale,
             inverse_scale,
             loose: None,
+            least_size: 0.0,
             blocks,
             residual: zeros.clone(),
             magnitude: zeros,
@@ -158,7 +161,9 @@ impl KktCheck {
     }
 
     /// Creates the check of problems with a stiffness K, given K + s M as well: rows in which K has
-    /// no entry, like those of balls, are measured against the forces that s M exerts there.
+    /// no entry, like those of balls, are measured against the forces that s M exerts there. Where
+    /// the whole answer is rounding, as at the instant at which a ball meets a plate at rest, all
+    /// rows are measured against these forces at deflections of `length` (m). Collective.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -166,10 +171,14 @@ impl KktCheck {
         engine: &E,
         stiffness: &LinearCombination,
         with_mass: &LinearCombination,
+        length: f64,
     ) -> Result<KktCheck> {
         let mut check = KktCheck::new(engine, stiffness)?;
         let of_mass = engine.diagonal(with_mass)?.into_iter().map(f64::sqrt).enumerate();
-        check.loose = Some(of_mass.filter(|(dof, _)| check.scale[*dof] == 0.0).collect());
+        let loose: Vec<_> = of_mass.filter(|(dof, _)| check.scale[*dof] == 0.0).collect();
+        let size = largest(loose.iter().map(|(_, scale)| scale * length));
+        check.least_size = engine.comm().all_reduce_max(size);
+        check.loose = Some(loose);
         Ok(check)
     }
 
@@ -345,7 +354,7 @@ impl KktCheck {
         answer: &Answer,
         contact: ContactState,
     ) -> Result<Residual> {
-        let KktCheck { scale, residual, magnitude, loose, .. } = self;
+        let KktCheck { scale, residual, magnitude, loose, least_size, .. } = self;
         let bounds = problem.bounds;
         let (x, reaction) = (&*answer.x, &*answer.reaction);
         if contact.presses {
@@ -357,11 +366,12 @@ impl KktCheck {
         if let Some(loose) = loose {
             let size =
                 engine.comm().all_reduce_max(largest(loose.iter().map(|(dof, scale)| scale * x[*dof])));
+            let size = larger(size, *least_size);
             loose.iter().for_each(|(dof, scale)| {
                 magnitude[*dof] = magnitude[*dof].max(NEGLIGIBLE * size * scale);
             });
         }
-        let floor = lowest_share(size);
+        let floor = lowest_share(larger(size, *least_size));
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
         if contact.is_free() {
             return Ok(Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 });

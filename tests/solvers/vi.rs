@@ -305,6 +305,32 @@ fn rounding_of_a_flat_plate_is_no_penetration() {
     assert!(residual(-1e-24) > 0.1);
 }
 
+/// At the instant at which a ball of 1 kg meets a plate at rest, all forces are rounding, which is
+/// no adhesion. Later a wrong millionth of the reaction is found, and so is a pull of a thousandth
+/// of a newton.
+#[test]
+fn a_ball_that_meets_a_plate_at_rest_does_not_stick() {
+    let engine = Native::new(2);
+    // The unknowns are the deflection of the plate and the gap.
+    let stiffness = engine.form(vec![block(&[Some(0)], &[1e9], 0)]);
+    let mass = dense_form(&engine, 2, &[1.0; 4]);
+    let sum = (&stiffness).into();
+    let bounds = Bounds { size: 0.05, ..Bounds::uniform(vec![1], 0.0, INF) };
+    let with_mass = &stiffness + &mass * 1e9;
+    let mut check = KktCheck::with_inertia(&engine, &sum, &with_mass, bounds.magnitude()).unwrap();
+    let mut residual = |force: f64, wrong: f64| {
+        let problem = Problem { matrix: &sum, rhs: &[], bounds: &bounds, length: bounds.magnitude() };
+        let (mut x, mut reaction) = ([-force / 1e9, 0.0], [force + wrong]);
+        let answer = Answer { x: &mut x, reaction: &mut reaction };
+        check.residual(&engine, &problem, &[&[-force, -force]], &answer).unwrap()
+    };
+    assert!(residual(-1e-25, 0.0) <= 1e-12);
+    assert!(residual(0.0, -1e-25) <= 1e-12);
+    assert!(residual(1e4, 0.0) <= 1e-12);
+    assert!(residual(1e4, 0.01) > 1e-7);
+    assert!(residual(-1e-3, 0.0) > 1e-8);
+}
+
 /// Returns the answer of a problem with every kind of row: at the lower bound, at the upper one,
 /// between them, without bounds.
 fn problem_with_answer() -> (SmallProblem, Vec<f64>, Vec<f64>) {

@@ -200,7 +200,7 @@ impl<'s, E: Engine> Exact<'s, E> {
         };
         // A ball has no stiffness: its rows are measured by its inertia.
         let with_mass = stiffness + inertia * saddle.shift();
-        let check = KktCheck::with_inertia(engine, &stiffness.into(), &with_mass)?;
+        let check = KktCheck::with_inertia(engine, &stiffness.into(), &with_mass, bounds.magnitude())?;
         let first: Vec<usize> = if is_modal { Vec::new() } else { (0..bounds.len()).collect() };
         let mut reduction = ReducedModel::new(system, basis, &*saddle, &first)?;
         let mut reach = is_modal.then(|| Reach::new(&reduction, bounds, &options, dt));
