@@ -290,7 +290,11 @@ impl Search<'_> {
         };
         let (p, q) = (crossing(b), crossing(c));
         let whole = share(corners);
-        let mut parts = vec![[a, p, q], [p, b, c], [p, c, q]];
+        // The shorter diagonal is the same in a mirror.
+        let distance = |u: [f64; 3], v: [f64; 3]| (0..3).map(|k| (u[k] - v[k]).powi(2)).sum::<f64>();
+        let [first, second] =
+            if distance(p, c) <= distance(b, q) { [[p, b, c], [p, c, q]] } else { [[p, b, q], [b, c, q]] };
+        let mut parts = vec![[a, p, q], first, second];
         parts.retain(|part| share(part) > f64::EPSILON * whole);
         parts
     }

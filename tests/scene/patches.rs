@@ -40,6 +40,31 @@ fn discs_between_the_points_push_with_all_their_force() {
     }
 }
 
+/// A mirrored disc on the mirrored mesh pushes as the disc does.
+#[test]
+fn discs_push_alike_in_a_mirror() {
+    for (element, nx, ny) in MESHES {
+        for radius in [0.05, 0.11, 0.173] {
+            let push = |diagonal: &str, x: &str| {
+                let text = format!(
+                    "{PAPER_PLATE}{STILL}mesh = {{ element = \"{element}\", cells = [{nx}, {ny}]{diagonal} }}\n\
+                     load = {{ pressure = \"step({radius} - hypot({x} - 0.613, y - 0.211))\" }}\n"
+                );
+                totals(&text)[0].start
+            };
+            let [right, left] = match element {
+                "hct" => [", diagonal = \"right\"", ", diagonal = \"left\""],
+                _ => [""; 2],
+            };
+            let (seen, mirrored) = (push(right, "x"), push(left, "(1.2 - x)"));
+            let name = format!("{radius} on {element} {nx} x {ny}");
+            close(&name, mirrored.force, seen.force, 1e-13);
+            close(&name, mirrored.moments[0], seen.moments[0], 1e-13);
+            close(&name, -mirrored.moments[1], seen.moments[1] + 1.2 * seen.force, 1e-13);
+        }
+    }
+}
+
 #[test]
 fn boxes_and_lines_are_exact_but_for_their_corners() {
     assert_pushes(
