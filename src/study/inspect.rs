@@ -2,6 +2,7 @@
 
 use super::frequencies::{
     Frequencies, advised_for, energy_step_for, frequencies, frequencies_of, on_native_engine,
+    with_rigid_balls,
 };
 use super::infsup::{self, InfSup};
 use super::modal_figures::{self, ModalFigures};
@@ -208,9 +209,10 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         Mass::Consistent => (singular.unwrap_or_default(), consistent?),
         Mass::Singular | Mass::Modal => (singular?, consistent.unwrap_or_default()),
     };
-    let own = if scene.time.mass == Mass::Consistent { &consistent } else { &singular };
-    let (advised_step, energy_step) = (advised_for(scene, own), energy_step_for(scene, own));
-    let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, own)));
+    let free = if scene.time.mass == Mass::Consistent { &consistent } else { &singular };
+    let fastest = with_rigid_balls(&native, free.clone());
+    let (advised_step, energy_step) = (advised_for(scene, &fastest), energy_step_for(scene, &fastest));
+    let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, &fastest)));
     let modal = modal_figures::figures(scene, &model, loaded.as_deref())?.map(|(figures, doubt)| {
         warnings.extend(doubt);
         figures
@@ -247,7 +249,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let model = Model::new(&native)?;
     let Model { system, .. } = &model;
     let (mesh, made) = simulation::mesh_and_made(scene)?;
-    let frequencies = frequencies_of(scene, &model)?;
+    let frequencies = frequencies_of(&native, &model)?;
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries = system.engine.factor(&(&system.mass * inertia + &system.stiffness), &[])?.entries();
     let (set_up, seconds_per_step) = stopwatch(&native, &model)?;
