@@ -9,17 +9,15 @@
 //!
 //! On each sub-cell w is a cubic, and the Gauss rules are exact on the pieces of the line there.
 
-use super::CellArrays;
+use super::{CellArrays, add_point_mass, add_square};
 use crate::dof_map::PER_NODE;
 use crate::element::BasisFunction;
 use crate::error::Result;
 use crate::geometry;
-use crate::linalg::vectors::axpy;
 use crate::linalg::{BARE, ElementMatrix};
 use crate::mesh::{Mesh, Point};
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
-use std::rc::Rc;
 
 /// Straight piece of a beam within a sub-cell.
 #[derive(Debug, Clone, Copy)]
@@ -92,38 +90,13 @@ impl BeamPiece {
     }
 }
 
-/// Adds scale v v^T to a matrix, stored by rows.
-fn add_square(scale: f64, v: &[f64], matrix: &mut [f64]) {
-    for (row, value) in matrix.chunks_exact_mut(v.len()).zip(v) {
-        axpy(scale * value, v, row);
-    }
-}
-
 /// Adds the mass of a beam, in kg/m, to the arrays of the cells that its pieces lie in.
-///
-/// The means of the singular mass are then those of plate and beam together: one velocity per cell
-/// remains, and the rows of B are independent wherever the beam lies.
 ///
 /// # Errors
 /// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
 pub fn add_beam_mass(mesh: &Mesh, cells: &mut [CellArrays], mass: f64, pieces: &[BeamPiece]) -> Result<()> {
-    let classes = cells.len();
-    for piece in pieces {
-        let cell = &mut cells[piece.cell];
-        // The cell has no congruent ones any more; from `BARE` on it never had.
-        if cell.class < BARE {
-            cell.class = classes + piece.cell;
-        }
-        let local = Rc::make_mut(&mut cell.local);
-        let element = mesh.element(piece.cell)?;
-        for (point, weight) in piece.points(SEPTIC) {
-            let values: Vec<f64> = element.basis_at(point).iter().map(|basis| basis.value).collect();
-            add_square(mass * weight, &values, Rc::make_mut(&mut local.mass));
-            axpy(mass * weight, &values, Rc::make_mut(&mut local.coupling));
-            local.weight += mass * weight;
-        }
-    }
-    Ok(())
+    let mut points = pieces.iter().flat_map(|piece| piece.points(SEPTIC).map(|at| (piece.cell, at)));
+    points.try_for_each(|(cell, (at, weight))| add_point_mass(mesh, cells, cell, at, mass * weight))
 }
 
 /// Returns the contributions of beams to the stiffness, each with its cell.

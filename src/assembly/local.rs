@@ -11,8 +11,8 @@ use nalgebra::{DVector, SMatrix, Vector3};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Local arrays of a cell, shared by all cells congruent to it; the masses are those of the plate
-/// and of the ribs in the cell.
+/// Local arrays of a cell, shared by all cells congruent to it; the masses are those of the plate,
+/// of the ribs in the cell and of what is fixed to it.
 #[derive(Debug, Clone)]
 pub struct Local {
     /// Stiffness K, n x n, row by row, in N/m between deflections.

@@ -32,9 +32,9 @@ pub use sites::{RecoverySite, sum_over_ranks};
 use crate::dof_map::DofMap;
 use crate::element::adaptive::Triangle;
 use crate::error::Result;
-use crate::linalg::vectors::dot;
+use crate::linalg::vectors::{axpy, dot};
 use crate::linalg::{BARE, Bending, ElementMatrix, SingularMassCell};
-use crate::mesh::Mesh;
+use crate::mesh::{Mesh, Point};
 use crate::plate::Sections;
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -164,6 +164,41 @@ pub fn singular_mass(cells: &[CellArrays]) -> Vec<SingularMassCell> {
     cells.iter().map(average).collect()
 }
 
+/// Adds a mass at a point of a cell, in kg, to the arrays of the cell.
+///
+/// The mean of the singular mass is then that of plate and point together: B gets no further row
+/// that depends, or nearly, on those of the cells.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
+pub fn add_point_mass(
+    mesh: &Mesh,
+    cells: &mut [CellArrays],
+    number: usize,
+    at: Point,
+    mass: f64,
+) -> Result<()> {
+    let classes = cells.len();
+    let cell = &mut cells[number];
+    // The cell has no congruent ones any more; from `BARE` on it never had.
+    if cell.class < BARE {
+        cell.class = classes + number;
+    }
+    let values: Vec<f64> = mesh.element(number)?.basis_at(at).iter().map(|basis| basis.value).collect();
+    let local = Rc::make_mut(&mut cell.local);
+    add_square(mass, &values, Rc::make_mut(&mut local.mass));
+    axpy(mass, &values, Rc::make_mut(&mut local.coupling));
+    local.weight += mass;
+    Ok(())
+}
+
+/// Adds scale v v^T to a matrix, stored by rows.
+fn add_square(scale: f64, v: &[f64], matrix: &mut [f64]) {
+    for (row, value) in matrix.chunks_exact_mut(v.len()).zip(v) {
+        axpy(scale * value, v, row);
+    }
+}
+
 /// Returns the load F of a uniform upward pressure, in Pa, over `dofs` free dofs, in N.
 pub fn uniform_load(cells: &[CellArrays], dofs: usize, pressure: f64) -> Vec<f64> {
     let mut load = vec![0.0; dofs];
@@ -174,7 +209,7 @@ pub fn uniform_load(cells: &[CellArrays], dofs: usize, pressure: f64) -> Vec<f64
     load
 }
 
-/// Returns the weight of the plate under gravity g, in m/s^2 downward, over `dofs` free dofs, in N.
+/// Returns the weight of the cells under gravity g, in m/s^2 downward, over `dofs` free dofs, in N.
 pub fn weight(cells: &[CellArrays], dofs: usize, g: f64) -> Vec<f64> {
     let mut load = vec![0.0; dofs];
     for cell in cells {

@@ -112,12 +112,16 @@ impl Mesh {
         vertices[0] + moment / area
     }
 
-    /// Returns the first cell that contains a point, its boundary included, or `None` outside the
-    /// mesh.
-    ///
-    /// A point within 1e-10 of the cell's longest edge from the cell counts as inside.
+    /// Returns the first cell that contains a point, or `None` outside the mesh.
     pub fn locate(&self, point: Point) -> Option<usize> {
-        (0..self.cells.len()).find(|&cell| {
+        self.cells_at(point).next()
+    }
+
+    /// Returns the cells that contain a point, their boundaries included.
+    ///
+    /// A point within 1e-10 of a cell's longest edge from the cell counts as inside.
+    pub fn cells_at(&self, point: Point) -> impl Iterator<Item = usize> {
+        (0..self.cells.len()).filter(move |&cell| {
             let vertices = self.vertices(cell);
             let slack = LOCATE * geometry::longest_edge(&vertices);
             geometry::sides(&vertices)

@@ -93,7 +93,7 @@ impl Model<Distributed> {
         super::phase("matrices");
         let body = PlateAssembly::new(scene, &part.mesh, comm)?;
         let mut cells = comm.all_ok(assembly::cells(&part.mesh, &part.space, &body))?;
-        super::effects::add_rib_masses(scene, &part.mesh, comm, &mut cells)?;
+        super::effects::add_fixed_masses(scene, &part.mesh, &part.holds, comm, &mut cells)?;
         let partition = MeshPart::new(&part, &engine)?;
         let ground = BuildContext {
             scene,

@@ -188,7 +188,7 @@ fn on_ground<R>(
     let stops = stops_on(scene, mesh, holds)?;
     let space = space.with_tips(stops.iter().map(|stop| stop.node));
     let mut cells = assembly::cells(mesh, &space, &PlateAssembly::new(scene, mesh, &SelfComm)?)?;
-    effects::add_rib_masses(scene, mesh, &SelfComm, &mut cells)?;
+    effects::add_fixed_masses(scene, mesh, holds, &SelfComm, &mut cells)?;
     let gaps: Vec<_> = (0..scene.attachments.ball_dofs()).map(|dof| Some(space.extra(dof))).collect();
     act(&BuildContext {
         scene,

@@ -17,6 +17,7 @@ mod modes;
 mod moments;
 mod obstacle_plate;
 mod products;
+mod point_masses;
 mod points;
 mod ribs;
 mod statics;

@@ -10,7 +10,7 @@ use std::f64::consts::TAU;
 
 /// Returns twice the elastic energy, and twice the kinetic energy with both masses, of the shape
 /// of a quadratic polynomial a x^2 + b x y + c y^2 + d.
-fn energies(text: &str, [a, b, c, d]: [f64; 4]) -> [f64; 3] {
+pub fn energies(text: &str, [a, b, c, d]: [f64; 4]) -> [f64; 3] {
     let scene = scene(text);
     let mesh = simulation::mesh(&scene).unwrap();
     let matrices = simulation::matrices(&scene, &mesh, false).unwrap();

@@ -613,3 +613,45 @@ fn a_rigid_ball_may_meet_a_block_at_an_instant_of_the_output() {
         assert!((on - between).abs() <= 1e-9 * on.abs(), "{mass}: {on} and {between} m/s");
     }
 }
+
+/// Wherever a mass lies in the cells, the exact scheme follows the motion through contact and keeps
+/// the energy.
+#[test]
+fn masses_anywhere_keep_the_energy() {
+    for element in ["fvs", "hct"] {
+        for at in [[0.9, 0.25], [0.96, 0.2], [0.9, 0.2], [0.887, 0.261], [1.2, 0.4]] {
+            let (rows, _) = scenes::run_to_end(&format!(
+                "{PAPER_FALL}mesh = {{ element = \"{element}\", cells = [10, 4] }}\nmass = [{{ at = {at:?}, mass = 5 }}]\n\
+                 time = {{ scheme = \"exact\", mass = \"singular\", step = 1e-3, end = 0.1 }}\n"
+            ));
+            assert!(rows.iter().any(|row| row.contact_force > 0.0), "{element}, {at:?}: no contact");
+            for row in &rows {
+                let change = (row.energy / rows[0].energy - 1.0).abs();
+                assert!(change <= 1e-10, "{element}, {at:?}, t = {}: {change:e}", row.time);
+            }
+        }
+    }
+}
+
+/// A mass on the corner that hits bounces off in the limit of small cells as with the modal mass.
+#[test]
+fn a_mass_on_a_node_in_contact_converges() {
+    let corner = |cells: [usize; 2], time: &str| {
+        let rows = scenes::run(&format!(
+            "{PAPER_FALL}mesh = {{ element = \"fvs\", cells = {cells:?} }}\nmass = [{{ at = [1.2, 0.0], mass = 5 }}]\n\
+             time = {{ {time}, end = 0.07 }}\noutput = {{ probes = [{{ name = \"corner\", at = [1.2, 0.0] }}] }}\n"
+        ));
+        assert!(rows.iter().any(|row| row.contact_force > 0.0));
+        rows
+    };
+    let modal = corner([20, 8], "scheme = \"conserving\", mass = \"modal\", modes = 150, step = 2e-6");
+    let errors = [[10, 4], [20, 8]].map(|cells| {
+        let rows = corner(cells, "scheme = \"exact\", mass = \"singular\", step = 1e-4");
+        let squares = rows.iter().zip(modal.iter().step_by(50)).map(|(row, modal)| {
+            assert!((row.time - modal.time).abs() <= 1e-12);
+            (row.probes[0] - modal.probes[0]).powi(2)
+        });
+        (squares.sum::<f64>() / rows.len() as f64).sqrt()
+    });
+    assert!(errors[0] <= 1.2e-3 && errors[1] <= 0.4 * errors[0], "{errors:?} m");
+}

@@ -3,7 +3,7 @@
 
 use super::elastic_edges::ElasticEdges;
 use super::ground::{BuildContext, PointEvaluation};
-use super::lumps::{AttachedBall, LumpedMass};
+use super::lumps::{self, AttachedBall, LumpedMass};
 use super::parts;
 use super::ribs::{self, Ribs};
 use super::stop_springs::StopSprings;
@@ -28,8 +28,8 @@ pub(super) struct Attached<'s> {
     edges: ElasticEdges,
     ribs: Ribs,
     springs: Vec<LumpedMass>,
-    /// Masses fixed on the plate, then balls; `spot.free` gives their deflection in terms of the
-    /// dofs.
+    /// Masses at held points, then balls; `spot.free` gives their deflection in terms of the dofs.
+    /// Other masses are those of the cells.
     masses: Vec<LumpedMass>,
     pub balls: Vec<AttachedBall<'s>>,
     /// Springs between the tips of compliant stops and their nodes.
@@ -51,7 +51,8 @@ impl<'s> Attached<'s> {
             springs.extend(lump(format!("spring.{number}"), spring.at, spring.stiffness)?);
         }
         for (number, mass) in scene.attachments.masses.iter().enumerate() {
-            masses.extend(lump(format!("mass.{number}"), mass.at, mass.mass)?);
+            let lump = lump(format!("mass.{number}"), mass.at, mass.mass)?;
+            masses.extend(lump.filter(|lump| lumps::is_held(&lump.spot.of_shape, ground.holds)));
         }
         for (number, (ball, gap)) in scene.attachments.balls.iter().zip(ground.gaps).enumerate() {
             let lump = lump(format!("ball.{number}"), ball.at, ball.mass)?;
@@ -83,7 +84,7 @@ impl<'s> Attached<'s> {
         &self.springs
     }
 
-    /// Returns the masses fixed on the plate, then the balls.
+    /// Returns the masses at held points, then the balls.
     pub fn masses(&self) -> &[LumpedMass] {
         &self.masses
     }
@@ -228,8 +229,8 @@ impl<'s> Attached<'s> {
         rigid
     }
 
-    /// Returns an error where a mass is attached to a node that a rigid obstacle can stop, since
-    /// its velocity would jump. Collective.
+    /// Returns an error where a rigid ball can hit a held point of the plate, since its velocity
+    /// would jump. Collective.
     pub fn refuse_stopped<P: Partition>(&self, ground: &BuildContext<P>, bounds: &Bounds) -> Result<()> {
         let stops = |dof: usize| {
             let bound = ground.partition.own_dof(dof).and_then(|dof| bounds.dofs.binary_search(&dof).ok());
@@ -241,8 +242,8 @@ impl<'s> Attached<'s> {
         let stopped = |mass: &LumpedMass| matches!(mass.spot.free.weights(), [(dof, _)] if stops(*dof));
         if ground.comm().all_reduce_any(self.masses.iter().any(stopped)) {
             return Err(Error::Usage(format!(
-                "time.scheme = \"{}\" needs velocities that do not jump, and a [[mass]] sits on a node that an obstacle can \
-                 stop; set time.scheme = \"newmark\"",
+                "time.scheme = \"{}\" needs velocities that do not jump, and a [[ball]] is above a point that supports \
+                 hold; give the ball a stiffness, or set time.scheme = \"newmark\"",
                 ground.scene.time.scheme.name()
             )));
         }

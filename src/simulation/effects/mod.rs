@@ -32,16 +32,18 @@ pub use loads::{LoadTotal, Resultant};
 pub(super) use motion::Lift;
 pub(super) use of_cells::OfCells;
 pub(super) use reactions::{Reactions, Wrench};
-pub(super) use ribs::add_rib_masses;
 
 use super::{DeflectionDof, DofCoordinates, phase};
+use crate::assembly::CellArrays;
 use crate::communicator::Communicator;
+use crate::dof_map::NodeConstraint;
 use crate::error::Result;
 use crate::linalg::{ElementMatrix, Engine, Form, SingularMassCell};
+use crate::mesh::Mesh;
 use crate::modes;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scene::Mass;
+use crate::scene::{Mass, Scene};
 use crate::scheme::{Damping, ModalDamping, Start, System, TimeDependence};
 use attached::Attached;
 use heights::Heights;
@@ -81,6 +83,21 @@ pub(super) struct Effects<E: Engine> {
     pub warnings: Vec<String>,
     /// Wall time of the static start, in s.
     pub seconds: f64,
+}
+
+/// Adds the masses of ribs, and masses at points that can move, to those of the cells. Collective.
+///
+/// # Errors
+/// Returns [`Error::Mesh`](crate::Error::Mesh) for a rib that leaves the plate.
+pub(super) fn add_fixed_masses(
+    scene: &Scene,
+    mesh: &Mesh,
+    holds: &[NodeConstraint],
+    comm: &impl Communicator,
+    cells: &mut [CellArrays],
+) -> Result<()> {
+    ribs::add_masses(scene, mesh, comm, cells)?;
+    lumps::add_masses(scene, mesh, holds, comm, cells)
 }
 
 /// Returns all matrices of a scene.

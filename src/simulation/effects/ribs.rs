@@ -23,7 +23,7 @@ pub(super) struct Ribs {
 const SAME: f64 = 1e-9;
 
 /// Adds the masses of the ribs to those of the cells. Collective.
-pub(in crate::simulation) fn add_rib_masses(
+pub(super) fn add_masses(
     scene: &Scene,
     mesh: &Mesh,
     comm: &impl Communicator,
