@@ -56,8 +56,6 @@ pub struct Inspection {
     pub bounded_dofs: usize,
     /// Mass of the cells with everything fixed to them (the trace of C), in kg.
     pub mass: f64,
-    /// Mass of the plate alone, in kg.
-    pub plate_mass: f64,
     /// Rigid motions that the supports permit, in words.
     pub mechanism: Option<&'static str>,
     /// Initial energy E_0, in J; `None` where a mechanism under load has no static deflection.
@@ -198,8 +196,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         true => InfSup { raw: None, energy: None },
         false => infsup::constants(engine.dofs(), stiffness, is_loose, &rows, &bounded)?,
     };
-    let masses: Vec<f64> = rows.iter().map(|row| row.mass).collect();
-    let (plate_mass, mass) = (masses[..mesh.cells.len()].iter().sum(), masses.iter().sum());
+    let mass = rows.iter().map(|row| row.mass).sum();
     let cells = engine.averages(rows);
     let singular = if is_modal { &system.mass } else { &cells };
     let consistent = engine.form(consistent);
@@ -224,7 +221,6 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         dofs: engine.dofs(),
         bounded_dofs: system.bounds.len(),
         mass,
-        plate_mass,
         mechanism,
         initial_energy: (!no_start).then(|| initial_energy(&model)).transpose()?,
         deflections,

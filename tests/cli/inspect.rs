@@ -16,7 +16,6 @@ fn the_plate_of_the_paper() {
     let sizes = [inspection.nodes, inspection.cells, inspection.dofs, inspection.bounded_dofs];
     assert_eq!(sizes, [55, 40, 150, 50]);
     close("mass", inspection.mass, 37.296, 1e-13);
-    close("mass of the plate", inspection.plate_mass, 37.296, 1e-13);
     close("E_0", inspection.initial_energy.unwrap(), 289.36622567, 1e-9);
     assert_eq!(inspection.deflections[0].probe, "corner");
     close("corner", inspection.deflections[0].start.unwrap(), 0.2076308761, 1e-9);

@@ -59,7 +59,7 @@ fn points_are_single_bounds() {
         assert_eq!(found[2].1, f64::NEG_INFINITY);
         let inspection = inspect(&text);
         assert!(inspection.inf_sup.raw.unwrap() > 1e-6, "{:?}", inspection.inf_sup);
-        close("mass", inspection.plate_mass, 1.0, 1e-12);
+        close("mass", inspection.mass, 1.0, 1e-12);
     }
 }
 
