@@ -21,9 +21,11 @@ pub struct Local {
     pub mass: Rc<[f64]>,
     /// Integrals of the basis functions, n entries, in m^2 for deflections.
     pub moments: Rc<[f64]>,
-    /// Row of B, the integrals of density times basis function, n entries, in kg for
-    /// deflections.
+    /// Integrals of density times basis function, n entries, in kg for deflections.
     pub coupling: Rc<[f64]>,
+    /// Row of B, n entries, in kg for deflections: `coupling`, or with light masses a multiple of
+    /// that of the plate.
+    pub row: Rc<[f64]>,
     /// Entry of C, the mass of the cell, in kg.
     pub weight: f64,
     /// Stiffness K as the square of its root.
@@ -57,6 +59,7 @@ fn arrays_of<const N: usize>(
             mass: flat(first.consistent_mass(element)),
             moments: moments.as_slice().into(),
             coupling: (moments * first.density).as_slice().into(),
+            row: (moments * first.density).as_slice().into(),
             weight: first.density * area,
         });
     }
@@ -80,12 +83,14 @@ fn arrays_of<const N: usize>(
     let stiffness = plate::stiffness(element, rule, section);
     let bending = bending(element, vertices, number, rule, section, energies);
     fault.take().map_or(Ok(()), Err)?;
+    let coupling: Rc<[f64]> = plate::load_by(element, rule, density).as_slice().into();
     let local = Local {
         stiffness: flat(stiffness),
         bending: bending?,
         mass: flat(plate::mass_by(element, rule, density)),
         moments: moments.as_slice().into(),
-        coupling: plate::load_by(element, rule, density).as_slice().into(),
+        row: coupling.clone(),
+        coupling,
         weight,
     };
     fault.into_inner().map_or(Ok(local), Err)

@@ -157,17 +157,36 @@ pub fn consistent_mass(cells: &[CellArrays]) -> Vec<ElementMatrix> {
 pub fn singular_mass(cells: &[CellArrays]) -> Vec<SingularMassCell> {
     let average = |cell: &CellArrays| SingularMassCell {
         dofs: cell.dofs.clone(),
-        row: cell.of_dofs(&cell.local.coupling),
+        row: cell.of_dofs(&cell.local.row),
         mass: cell.local.weight,
         class: cell.class,
     };
     cells.iter().map(average).collect()
 }
 
-/// Adds a mass at a point of a cell, in kg, to the arrays of the cell.
+/// Part of a cell's own mass up to which carried masses are light.
+const LIGHT: f64 = 0.7;
+
+/// Sets the rows of B of cells that carry masses, given the arrays of the bare cells.
 ///
-/// The mean of the singular mass is then that of plate and point together: B gets no further row
-/// that depends, or nearly, on those of the cells.
+/// The mean of the singular mass is that of all masses together: B gets no further row that
+/// depends, or nearly, on those of the cells. Light masses follow the mean of the plate, which is
+/// wrong by less than the means themselves: where the rows of the plate depend on each other, as on
+/// rectangles with simply supported edges, they would allow motions with hardly any inertia.
+pub fn average_carried(cells: &mut [CellArrays], bare: &[Rc<Local>]) {
+    for (cell, bare) in cells.iter_mut().zip(bare) {
+        let factor = cell.local.weight / bare.weight;
+        if factor != 1.0 {
+            let local = Rc::make_mut(&mut cell.local);
+            local.row = match factor <= 1.0 + LIGHT {
+                true => bare.coupling.iter().map(|b| factor * b).collect(),
+                false => local.coupling.clone(),
+            };
+        }
+    }
+}
+
+/// Adds a mass at a point of a cell, in kg, to the arrays of the cell.
 ///
 /// # Errors
 /// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.

@@ -35,9 +35,9 @@ pub fn consistent_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], mome
 /// Adds the momenta of the singular mass over the free dofs for velocities given as in [`forces`].
 pub fn singular_momenta(mesh: &Mesh, cells: &[CellArrays], shape: &[f64], momentum: &mut [f64]) {
     for (cell, of) in cells.iter().zip(&mesh.cells) {
-        let Local { coupling, weight, .. } = &*cell.local;
-        let velocity = dot(coupling, &on_nodes(of, shape)) / weight;
-        let local: Vec<f64> = coupling.iter().map(|b| b * velocity).collect();
+        let Local { row, weight, .. } = &*cell.local;
+        let velocity = dot(row, &on_nodes(of, shape)) / weight;
+        let local: Vec<f64> = row.iter().map(|b| b * velocity).collect();
         cell.add(&local, momentum);
     }
 }
@@ -52,7 +52,7 @@ pub fn centres_of_mass(mesh: &Mesh, cells: &[CellArrays]) -> impl Iterator<Item 
                 shape[0] = mesh.nodes[node][axis];
                 shape
             });
-            dot(&cell.local.coupling, &values.collect::<Vec<_>>()) / cell.local.weight
+            dot(&cell.local.row, &values.collect::<Vec<_>>()) / cell.local.weight
         };
         Point::new(mean(0), mean(1))
     })

@@ -324,7 +324,7 @@ impl Fields {
 
 /// Returns the mean of a field over a cell.
 fn mean(cell: &CellArrays, dofs: &[f64]) -> f64 {
-    let sum: f64 = cell.local.coupling.iter().enumerate().map(|(i, c)| c * cell.value(i, dofs)).sum();
+    let sum: f64 = cell.local.row.iter().enumerate().map(|(i, c)| c * cell.value(i, dofs)).sum();
     sum / cell.local.weight
 }
 

@@ -5,6 +5,7 @@ use crate::common::models::{CLAMPED, PAPER_PLATE, UNIT};
 use crate::common::scenes::{STILL, all_round, close, grid, inspect, scene};
 use crate::ribs::energies;
 use rebond::simulation;
+use rebond::study::Inspection;
 
 /// A node, a point on an edge of the cells, the centre of a cell, and a point with no symmetry, on
 /// a grid of 10 x 4 cells of 0.12 m x 0.1 m.
@@ -79,6 +80,28 @@ fn the_inf_sup_condition_holds_with_masses() {
             }
         }
     }
+}
+
+/// Light masses and ribs leave the inf-sup constant as it is, also where the rows of B depend on
+/// each other: on rectangles in a plate that is simply supported all around. Gravity acts where
+/// they are.
+#[test]
+fn light_masses_follow_the_means_of_the_cells() {
+    let plate = [UNIT, &grid("fvs", 7, 5), &all_round("simply_supported"), STILL].concat();
+    let bare = inspect(&plate);
+    let rib = "rib = [{ line = [[0.1, 0.13], [0.87, 0.71]], bending = 1e-9, mass = 0.02 }]\n".to_owned();
+    for light in [mass([0.5, 0.5], 0.01), mass([0.31, 0.12], 0.01), rib] {
+        let laden = inspect(&(plate.clone() + &light));
+        close("inf-sup", laden.inf_sup.raw.unwrap(), bare.inf_sup.raw.unwrap(), 1e-9);
+        let first = |of: &Inspection| [&of.singular, &of.consistent].map(|of| of.lowest[0]);
+        let ([singular, consistent], [bare_singular, bare_consistent]) = (first(&laden), first(&bare));
+        close("first frequency", singular / bare_singular, consistent / bare_consistent, 1e-3);
+    }
+    let scene = scene(&(plate + &mass([0.31, 0.12], 0.01) + "load.gravity = 1\n"));
+    let mesh = simulation::mesh(&scene).unwrap();
+    let load = simulation::matrices(&scene, &mesh, false).unwrap().load;
+    let moment: f64 = mesh.nodes.iter().zip(load.chunks(3)).map(|(node, f)| node.x * f[0] + f[1]).sum();
+    close("moment of the weight", moment, -0.5 - 0.01 * 0.31, 1e-12);
 }
 
 /// The plate mirrored at either axis has the same frequencies and deflections; so has one of

@@ -34,7 +34,7 @@ pub(super) use of_cells::OfCells;
 pub(super) use reactions::{Reactions, Wrench};
 
 use super::{DeflectionDof, DofCoordinates, phase};
-use crate::assembly::CellArrays;
+use crate::assembly::{self, CellArrays};
 use crate::communicator::Communicator;
 use crate::dof_map::NodeConstraint;
 use crate::error::Result;
@@ -96,8 +96,11 @@ pub(super) fn add_fixed_masses(
     comm: &impl Communicator,
     cells: &mut [CellArrays],
 ) -> Result<()> {
+    let bare: Vec<_> = cells.iter().map(|cell| cell.local.clone()).collect();
     ribs::add_masses(scene, mesh, comm, cells)?;
-    lumps::add_masses(scene, mesh, holds, comm, cells)
+    lumps::add_masses(scene, mesh, holds, comm, cells)?;
+    assembly::average_carried(cells, &bare);
+    Ok(())
 }
 
 /// Returns all matrices of a scene.

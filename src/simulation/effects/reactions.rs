@@ -173,7 +173,7 @@ impl Reactions {
             Form::SingularMassCells(_) => {
                 for cell in &self.cells {
                     let a = balance.acceleration[cell.number];
-                    let product: Vec<f64> = cell.arrays.local.coupling.iter().map(|b| b * a).collect();
+                    let product: Vec<f64> = cell.arrays.local.row.iter().map(|b| b * a).collect();
                     cell.add(&product, &mut force);
                 }
                 push(&self.masses, |mass| balance.acceleration[mass.velocity], &mut force);
@@ -294,8 +294,8 @@ impl Reactions {
             let local = &cell.arrays.local;
             let values = values(cell);
             if is_singular {
-                let velocity = dot(&local.coupling, &values) / local.weight;
-                let product: Vec<f64> = local.coupling.iter().map(|b| b * velocity).collect();
+                let velocity = dot(&local.row, &values) / local.weight;
+                let product: Vec<f64> = local.row.iter().map(|b| b * velocity).collect();
                 cell.add(&product, &mut momentum);
             } else {
                 cell.add_product(&local.mass, &values, &mut momentum);
