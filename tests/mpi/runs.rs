@@ -310,7 +310,7 @@ fn what_all_ranks_find_wrong_is_said_once() {
 
 /// Calls the command on two ranks, of which the second is given other words.
 ///
-/// A shell tells the ranks apart. The mpirun of Debian 13 crashes at the colon between two programs.
+/// A shell tells the ranks apart: the mpirun of Debian 13 crashes at a colon between two programs.
 fn beside(folder: &Path, other: &str) -> Output {
     let choice = "if [ \"$OMPI_COMM_WORLD_RANK\" = 1 ]; then shift; fi; exec \"$0\" $1";
     let program = env!("CARGO_BIN_EXE_rebond");
