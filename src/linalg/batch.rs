@@ -334,33 +334,6 @@ impl Batches {
         });
     }
 
-    /// Creates the batches of equal systems side by side, one batch per cell. Entry 8 i + k of a
-    /// vector belongs to dof i of system k, and lane k of every batch to system k. The layout keeps
-    /// this order.
-    pub fn side_by_side(layout: &Layout, cells: Vec<Cell>) -> Batches {
-        let units = cells.iter().enumerate().map(|(number, cell)| Unit::single(number, cell)).collect();
-        let mut batches = Batches::of(cells, units);
-        let mut panel_of: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-        let mut patterns = Patterns::new();
-        for number in 0..batches.cells.len() {
-            let (own, class) = batches.cells[number].clone();
-            let panel = *panel_of
-                .entry((own.len(), class))
-                .or_insert_with(|| batches.panel(std::slice::from_ref(&number)));
-            let starts = own.iter().map(|dof| dof.map_or(layout.nowhere(), |dof| (LANES * dof) as u32));
-            batches.list.push(Batch {
-                cells: [
-                    std::array::from_fn(|system| (LANES * number + system) as u32),
-                    [(LANES * batches.cells.len()) as u32; LANES],
-                ],
-                panel,
-                places: Places::row([true; LANES], starts, &mut patterns),
-            });
-        }
-        batches.take_turns(layout);
-        batches
-    }
-
     /// Returns the units of each panel.
     pub fn panels(&self) -> impl Iterator<Item = [&Unit; LANES]> {
         self.panels.iter().map(|units| units.map(|unit| &self.units[unit]))

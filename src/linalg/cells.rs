@@ -6,7 +6,7 @@
 
 use super::ElementMatrix;
 use super::batch::{Batch, Batches};
-use super::joined::{Cell, Unit};
+use super::joined::Unit;
 use super::lane_values::{LANES, Lanes, interleave};
 use super::layout::Layout;
 use super::scratch::Room;
@@ -181,12 +181,6 @@ impl CellForm {
         let blocks = blocks.into();
         let panels = batches.panels().map(|units| Panel::new(units, &blocks)).collect();
         CellForm { batches, panels, blocks }
-    }
-
-    /// Returns the same form with other batches of its cells.
-    pub(super) fn with_batches(&self, batches: impl FnOnce(Vec<Cell>) -> Rc<Batches>) -> CellForm {
-        let cells = self.blocks.iter().map(|block| (block.dofs.clone(), block.class)).collect();
-        CellForm::new(batches(cells), self.blocks.clone())
     }
 
     /// Returns the batches of the cells.

@@ -3,7 +3,6 @@
 use super::batch::{Batch, Batches};
 use super::cells::CellForm;
 use super::double_double::DoubleDouble;
-use super::joined::Cell;
 use super::lane_values::Lanes;
 use super::layout::Layout;
 use super::scratch::Room;
@@ -32,17 +31,6 @@ pub enum Form {
 }
 
 impl Form {
-    /// Returns the same form with other batches of its cells; `None` for a modal mass.
-    pub(super) fn with_batches(&self, batches: impl FnOnce(Vec<Cell>) -> Rc<Batches>) -> Option<Form> {
-        match self {
-            Form::Cells(cells) => Some(Form::Cells(cells.with_batches(batches))),
-            Form::SingularMassCells(averages) => {
-                Some(Form::SingularMassCells(averages.with_batches(batches)))
-            }
-            Form::Modal { .. } => None,
-        }
-    }
-
     /// Returns whether both forms have the same contributions of cells, bit for bit. Modal masses
     /// are not compared, and are never equal.
     pub fn equals(&self, other: &Form) -> bool {

@@ -16,6 +16,9 @@ pub(super) const LANES: usize = 8;
 pub(crate) struct Lanes(pub [f64; LANES]);
 
 impl Lanes {
+    /// Number of lanes.
+    pub const COUNT: usize = LANES;
+
     /// Loads eight consecutive numbers of a vector in layout order.
     #[inline(always)]
     pub(super) fn at(x: &[f64], place: u32) -> Lanes {

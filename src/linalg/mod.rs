@@ -22,7 +22,6 @@ mod cholesky;
 mod combination;
 pub(crate) mod decoupling;
 mod double_double;
-mod ensemble;
 pub(crate) mod eigen;
 mod form;
 mod half_turn_mass;
@@ -48,7 +47,6 @@ mod workspace;
 pub use cells::CellForm;
 pub use cholesky::Cholesky;
 pub use combination::LinearCombination;
-pub use ensemble::{Ensemble, SharedFactor};
 pub use form::Form;
 pub(crate) use lane_mask::LaneMask;
 pub(crate) use lane_values::Lanes;
@@ -234,12 +232,6 @@ pub trait Engine: Sized {
 
     /// Returns the number of dofs that this rank owns.
     fn dofs(&self) -> usize;
-
-    /// Returns the number of equal systems that the vectors hold side by side: entry i belongs to
-    /// the system i modulo this number.
-    fn systems(&self) -> usize {
-        1
-    }
 
     /// Returns the scalar product of x and y over all ranks.
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64>;
@@ -510,14 +502,8 @@ pub trait Factor {
         None
     }
 
-    /// Returns the Schur complement H of A on the contact dofs, that of one system where vectors
-    /// hold several.
+    /// Returns the Schur complement H of A on the contact dofs.
     fn schur(&self) -> &Mat<f64>;
-
-    /// Returns [`Engine::systems`] of the engine.
-    fn systems(&self) -> usize {
-        1
-    }
 
     /// Eliminates all other dofs and writes the right-hand side h of H x_c = h. The factor keeps
     /// the intermediate state for [`Factor::back_substitute`].

@@ -53,13 +53,6 @@ impl Native {
         Form::SingularMassCells(SingularMassCells::new(self.batches(cells), rows))
     }
 
-    /// Creates the form of eight equal systems side by side from that of one of them; this engine
-    /// has the dofs of all. Returns `None` for a modal mass.
-    pub(super) fn side_by_side(&self, of_one: &Form) -> Option<Form> {
-        of_one
-            .with_batches(|cells| self.batches_by(cells, |cells| Batches::side_by_side(&self.layout, cells)))
-    }
-
     /// Sets y, if it is wanted, to A x and returns x^T A x.
     fn product(&self, form: &Form, x: &[f64], y: Option<&mut [f64]>) -> f64 {
         let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
@@ -68,15 +61,11 @@ impl Native {
 
     /// Returns the batches of some cells, those of the last form where the cells are the same.
     fn batches(&self, cells: Vec<Cell>) -> Rc<Batches> {
-        self.batches_by(cells, |cells| Batches::new(&self.layout, cells))
-    }
-
-    fn batches_by(&self, cells: Vec<Cell>, make: impl FnOnce(Vec<Cell>) -> Batches) -> Rc<Batches> {
         let mut last = self.batches.borrow_mut();
         match &*last {
             Some(batches) if batches.are_of(&cells) => batches.clone(),
             _ => {
-                let batches = Rc::new(make(cells));
+                let batches = Rc::new(Batches::new(&self.layout, cells));
                 self.workspace.borrow_mut().reserve(&batches);
                 last.insert(batches).clone()
             }

@@ -3,7 +3,7 @@
 use super::SingularMassCell;
 use super::batch::{Batch, Batches};
 use super::half_turn_mass::HalfTurnMass;
-use super::joined::{Cell, Unit};
+use super::joined::Unit;
 use super::lane_values::{LANES, Lanes, interleave};
 use super::layout::Layout;
 use super::scratch::Room;
@@ -223,12 +223,6 @@ impl SingularMassCells {
         let panels = batches.panels().map(|units| MassPanel::new(units, &rows)).collect();
         let masses = rows.iter().map(|row| row.mass).collect();
         SingularMassCells { batches, panels, masses, rows }
-    }
-
-    /// Returns the same mass with other batches of its cells.
-    pub(super) fn with_batches(&self, batches: impl FnOnce(Vec<Cell>) -> Rc<Batches>) -> SingularMassCells {
-        let cells = self.rows.iter().map(|row| (row.dofs.clone(), row.class)).collect();
-        SingularMassCells::new(batches(cells), self.rows.clone())
     }
 
     /// Returns the batches of the cells.

@@ -47,7 +47,7 @@ pub use exact::contact_compliance::ContactCompliance;
 pub use exact::{Exact, ExactOptions};
 pub use midpoint::{Massless, Midpoint};
 pub use modal::{ModalScheme, ModeLane, ModeRuns, SharedModes};
-pub use newmark::{LaneRun, Newmark, NewmarkParameters, SideBySide};
+pub use newmark::{Newmark, NewmarkParameters};
 pub use potential::Potential;
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};
 

@@ -43,7 +43,6 @@
 //! for e = 1 only. For infinite stiffness it is the scheme with rigid bounds.
 
 pub mod instants;
-mod lock_step;
 mod scheme;
 pub mod start;
 mod stiffness_force;
@@ -55,7 +54,6 @@ use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use instants::CentralInstants;
-pub use lock_step::{LaneRun, SideBySide};
 use std::cell::RefCell;
 use stiffness_force::StiffnessForce;
 

@@ -108,8 +108,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// Feeds residuals forward from the first step on, where rounding spoils the factored matrix;
     /// the plate has an energy, in J.
     pub fn feed_residuals_forward(&mut self, energy: f64) {
-        // Systems side by side must not decide for one another.
-        if self.solver.may_feed() && self.system.engine.systems() == 1 {
+        if self.solver.may_feed() {
             self.feedback = Some(Feedback::new(self.x.len(), energy));
         }
     }

@@ -6,7 +6,7 @@ use super::plan::{PlannedRun, groups};
 use super::prepared_run::{CarriedState, Finished, Leader, PreparedRun};
 use super::report::SweepRow;
 use crate::error::{Error, Result};
-use crate::linalg::Ensemble;
+use crate::linalg::Lanes;
 use crate::scene::{Scene, SweepSpec};
 use crate::simulation::{Model, condensed};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -90,7 +90,7 @@ pub fn conduct(
         }
     }
     let total = rows.len() + waiting.iter().map(|of| of.runs.len()).sum::<usize>();
-    let lot = waiting.len().div_ceil(threads.max(1)).clamp(1, Ensemble::SYSTEMS);
+    let lot = waiting.len().div_ceil(threads.max(1)).clamp(1, Lanes::COUNT);
     let conductor = Conductor { sweep, load, interrupts, leader, waiting, lot, next: AtomicUsize::new(0) };
     let (sender, receiver) = channel();
     thread::scope(|scope| {

@@ -1,8 +1,8 @@
 //! Measures of a periodically driven motion, from its steps; `docs/sweeps.md` defines each.
 
 use crate::energy::Energies;
+use crate::linalg::Lanes;
 use crate::linalg::wide::widest;
-use crate::linalg::{Ensemble, Lanes};
 use pulp::Arch;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -113,15 +113,15 @@ pub(super) struct PeriodRecorder {
     /// Number of steps before the measured ones.
     settle: u64,
     probes: Vec<ProbeSums>,
-    contacts: [ContactSums; Ensemble::SYSTEMS],
+    contacts: [ContactSums; Lanes::COUNT],
     /// Energies at the beginning of the measured periods.
-    energies: [Energies; Ensemble::SYSTEMS],
+    energies: [Energies; Lanes::COUNT],
 }
 
 impl PeriodRecorder {
     /// Prepares the measures of runs with a number of probes.
     pub fn new(probes: usize, per_period: u64, settle: u64) -> PeriodRecorder {
-        let all = |value: f64| Lanes([value; Ensemble::SYSTEMS]);
+        let all = |value: f64| Lanes([value; Lanes::COUNT]);
         let none = Lanes::default();
         let sums = || ProbeSums {
             section: Vec::new(),

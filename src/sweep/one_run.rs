@@ -9,7 +9,7 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Lanes, Native};
 use crate::scene::Scene;
-use crate::scheme::{Scheme, SideBySide, Start};
+use crate::scheme::{Scheme, Start};
 use crate::simulation::{Model, SolverFactory, StepMonitor};
 use std::rc::Rc;
 
@@ -41,29 +41,18 @@ pub(super) fn run_together(
     leader: &Leader,
     interrupts: &dyn Fn() -> bool,
 ) -> Result<Vec<Finished>> {
-    let Some(parameters) = runs.first().and_then(|run| run.parameters()) else { return Ok(Vec::new()) };
+    let parameters = runs.first().and_then(|run| run.parameters());
+    let (Some(parameters), Some(shared)) = (parameters, leader.shared()) else { return Ok(Vec::new()) };
     let models: Vec<Rc<Model>> = runs.iter().map(|run| run.model.clone()).collect();
     let systems: Vec<_> = models.iter().map(|model| &model.system).collect();
     let starts: Vec<Start> = runs.iter().map(|run| run.start.clone()).collect();
-    if let Some(shared) = leader.shared() {
-        let all = shared.start(&systems, parameters, &starts)?;
-        let probes = &runs[0].model.probes;
-        if models.iter().all(|model| model.probes_deflections_only() && model.probes == *probes) {
-            return PeriodicModeRuns::new(runs, all)?.run(interrupts);
-        }
-        return finish_all(runs, all.into_lanes(), interrupts);
+    let all = shared.start(&systems, parameters, &starts)?;
+    let probes = &runs[0].model.probes;
+    if models.iter().all(|model| model.probes_deflections_only() && model.probes == *probes) {
+        return PeriodicModeRuns::new(runs, all)?.run(interrupts);
     }
-    let all = SideBySide::new(&models, |model: &Model| &model.system)?;
-    finish_all(runs, all.start(&systems, parameters, &starts)?, interrupts)
-}
-
-/// Makes runs whose schemes advance in turn, to their end.
-fn finish_all<'m>(
-    runs: &[&'m PreparedRun],
-    lanes: Vec<impl Scheme + 'm>,
-    interrupts: &dyn Fn() -> bool,
-) -> Result<Vec<Finished>> {
-    let lanes = lanes.into_iter().zip(runs);
+    // Schemes that advance in turn.
+    let lanes = all.into_lanes().into_iter().zip(runs);
     let made = lanes.map(|(lane, run)| PeriodicRun::new(run, Box::new(lane), None));
     let mut made: Vec<PeriodicRun<Native>> = made.collect::<Result<_>>()?;
     make(&mut made, interrupts)?;

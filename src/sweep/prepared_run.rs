@@ -8,7 +8,7 @@ use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native};
 use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
-use crate::scheme::{NewmarkParameters, Scheme, SharedModes, SideBySide, Start};
+use crate::scheme::{NewmarkParameters, Scheme, SharedModes, Start};
 #[cfg(feature = "petsc")]
 use crate::simulation::SolverFactory;
 use crate::simulation::{Model, StepMonitor};
@@ -131,7 +131,6 @@ impl PreparedRun {
         let SchemeSpec::Newmark { beta, restitution } = time.scheme else { return None };
         // With beta = 1/4 the scheme refuses a modal mass.
         let takes = !self.sweep.lyapunov && (time.mass != Mass::Modal || beta > 0.25);
-        let takes = takes && SideBySide::takes(&self.model.system);
         takes.then_some(NewmarkParameters { beta, restitution, step: time.step })
     }
 }
@@ -166,11 +165,7 @@ impl<'m> Leader<'m> {
         };
         timing(run).is_some()
             && timing(run) == timing(self.run)
-            && SideBySide::are_equal(&run.model.system, &self.run.model.system)
-            && match self.shared() {
-                Some(_) => run.model.system.drive.load.is_none(),
-                None => run.scene.time.mass != Mass::Modal,
-            }
+            && self.shared().is_some_and(|shared| shared.fit(&run.model.system))
     }
 }
 

@@ -59,34 +59,6 @@ struct DenseWork {
     /// Unknown x, in m, and reactions, in N.
     values: Vec<f64>,
     forces: Vec<f64>,
-    of_one: OneSystem,
-}
-
-/// Work space of the dense problem of one of some systems side by side.
-#[derive(Debug, Default)]
-struct OneSystem {
-    lower: Vec<f64>,
-    upper: Vec<f64>,
-    sides: Vec<BoundStatus>,
-    rhs: Vec<f64>,
-    values: Vec<f64>,
-    forces: Vec<f64>,
-}
-
-impl OneSystem {
-    /// Takes the entries of every so many from one on of a problem, its statuses and its answer.
-    fn take(&mut self, all: &DenseProblem, sides: &[BoundStatus], answer: &Answer, of: [usize; 2]) {
-        fn copy<T: Copy>(all: &[T], [system, systems]: [usize; 2], own: &mut Vec<T>) {
-            own.clear();
-            own.extend(all.iter().skip(system).step_by(systems));
-        }
-        copy(all.rhs, of, &mut self.rhs);
-        copy(all.lower, of, &mut self.lower);
-        copy(all.upper, of, &mut self.upper);
-        copy(sides, of, &mut self.sides);
-        copy(answer.x, of, &mut self.values);
-        copy(answer.reaction, of, &mut self.forces);
-    }
 }
 
 impl DenseWork {
@@ -145,19 +117,6 @@ impl<E: Engine> Condensed<E> {
             factorisations: 1,
             work: DenseWork::default(),
         })
-    }
-
-    /// Factors the matrix with all bounded dofs as candidates from the start, so that they do not
-    /// depend on the motion.
-    ///
-    /// # Errors
-    /// Returns [`Error::Singular`] where the matrix is not positive definite.
-    pub fn on_all(engine: &E, matrix: &LinearCombination, bounds: &Bounds) -> Result<Condensed<E>> {
-        let mut factor = engine.factor(matrix, &bounds.dofs)?;
-        let error = engine.estimate_factor_error(matrix, &mut factor)?;
-        let mut solver = Condensed::with_factor(engine, factor, error, bounds.len())?;
-        solver.method = Method::Dense { candidates: (0..bounds.len()).collect() };
-        Ok(solver)
     }
 
     /// Returns how many corrections by the residual an answer needs.
@@ -258,8 +217,7 @@ impl<E: Engine> Condensed<E> {
         let Problem { rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
         clear(reaction);
-        let systems = self.factor.systems();
-        let size = systems * self.factor.schur().nrows();
+        let size = self.factor.schur().nrows();
         if size == 0 {
             self.factor.solve_for(b, x)?;
             return Ok(0);
@@ -270,13 +228,13 @@ impl<E: Engine> Condensed<E> {
             (bounds.lower[i], bounds.upper[i], side as u8)
         });
         let first = self.work.gather(engine.comm(), own);
-        let DenseWork { lower, upper, sides, h, values, forces, of_one } = &mut self.work;
+        let DenseWork { lower, upper, sides, h, values, forces } = &mut self.work;
         [&mut *h, values, forces].into_iter().for_each(|v| v.resize(size, 0.0));
         forces.fill(0.0);
         self.factor.forward_to_schur(b, h)?;
         // Dofs in contact in the last step mostly stay so, and the dense problem is solved from
-        // there at once. Of systems side by side, some may be admissible without any bound.
-        let inside = (systems > 1 || !touching(sides)) && {
+        // there at once.
+        let inside = !touching(sides) && {
             active_set::unconstrained(&self.factor, h, values);
             values.iter().zip(lower.iter().zip(upper.iter())).all(|(x, (l, u))| (l..=u).contains(&x))
         };
@@ -288,10 +246,7 @@ impl<E: Engine> Condensed<E> {
             let yielding = hertz::yielding(engine, bounds, (candidates, first), [&mut *lower, &mut *upper]);
             let rigid = DenseProblem { matrix: self.factor.schur(), rhs: h, lower, upper };
             let mut answer = Answer { x: values, reaction: forces };
-            let exchanges = match systems {
-                1 => YieldingProblem { rigid, yielding: &yielding }.solve(sides, &mut answer),
-                systems => solve_each(rigid, systems, sides, &mut answer, of_one),
-            };
+            let exchanges = YieldingProblem { rigid, yielding: &yielding }.solve(sides, &mut answer);
             let exchanges = agree(engine.comm(), [&mut *values, forces], sides, exchanges);
             // A step without reactions counts no iteration, even if it began with active bounds.
             if is_zero(forces) { 0 } else { 1 + exchanges }
@@ -435,33 +390,6 @@ fn agree(
         (values[k], forces[k], sides[k]) = (x, r, BoundStatus::from_code(code));
     }
     answer[0].3
-}
-
-/// Solves the problems of systems side by side, each with the same matrix, given the values without
-/// any bound. Returns the largest number of exchanges.
-fn solve_each(
-    all: DenseProblem,
-    systems: usize,
-    sides: &mut [BoundStatus],
-    answer: &mut Answer,
-    work: &mut OneSystem,
-) -> u32 {
-    let mut exchanges = 0;
-    for system in 0..systems {
-        let own = || (system..all.rhs.len()).step_by(systems);
-        if own().all(|i| (all.lower[i]..=all.upper[i]).contains(&answer.x[i])) {
-            own().for_each(|i| sides[i] = BoundStatus::Free);
-            continue;
-        }
-        work.take(&all, sides, answer, [system, systems]);
-        let OneSystem { lower, upper, sides: own_sides, rhs, values, forces } = work;
-        let problem = DenseProblem { matrix: all.matrix, rhs, lower, upper };
-        exchanges = exchanges.max(problem.solve(own_sides, &mut Answer { x: values, reaction: forces }));
-        for (k, i) in own().enumerate() {
-            (answer.x[i], answer.reaction[i], sides[i]) = (values[k], forces[k], own_sides[k]);
-        }
-    }
-    exchanges
 }
 
 /// Returns whether any bound is active.

@@ -3,7 +3,7 @@
 
 use crate::common::models::UNIT;
 use crate::common::scenes::close;
-use rebond::linalg::{Engine, Ensemble, Form, Native};
+use rebond::linalg::{Engine, Form, Native};
 use rebond::scene::Scene;
 use rebond::scheme::{NewmarkParameters, Scheme, SharedModes, Start};
 use rebond::simulation::Model;
@@ -513,22 +513,5 @@ fn energies_of_coordinates_are_those_of_the_matrices() {
             runs.advance().unwrap();
         }
         assert!(touched > 10, "{mass}: {touched} steps in contact");
-    }
-}
-
-#[test]
-fn systems_side_by_side_have_the_couplings_of_one() {
-    let scene = Scene::from_str(&heave("", ""), "heave.toml", &[]).unwrap();
-    let system = Model::new(&scene).unwrap().system;
-    let of_one = system.engine.couplings(&(&system.stiffness).into()).unwrap();
-    assert!(of_one.iter().any(|coupling| coupling.magnitude > 0.0));
-    let ensemble = Ensemble::new(of_one.len());
-    let stiffness = ensemble.form(&system.stiffness).unwrap();
-    let of_all = ensemble.couplings(&(&stiffness).into()).unwrap();
-    assert_eq!(of_all.len(), Ensemble::SYSTEMS * of_one.len());
-    for (place, coupling) in of_all.iter().enumerate() {
-        let (dof, lane) = (place / Ensemble::SYSTEMS, place % Ensemble::SYSTEMS);
-        assert_eq!(coupling.magnitude, of_one[dof].magnitude);
-        assert_eq!(coupling.to as usize, Ensemble::SYSTEMS * of_one[dof].to as usize + lane);
     }
 }

@@ -8,14 +8,12 @@
 
 mod double;
 mod inertia;
-mod lanes;
 mod ordering;
 mod size;
 mod solve;
 mod supernodes;
 
 use super::double_double::DoubleDouble;
-use super::lane_values::Lanes;
 use crate::error::{Error, Result};
 use double::PanelFactorisation;
 use faer::dyn_stack::{MemBuffer, MemStack};
@@ -58,9 +56,6 @@ pub struct Cholesky {
     pivots: Vec<f64>,
     x: Vec<f64>,
     work: Vec<f64>,
-    /// Work space like x and `work` for equal systems side by side; empty until they are solved.
-    lanes: Vec<Lanes>,
-    lanes_work: Vec<Lanes>,
 }
 
 impl Cholesky {
@@ -110,8 +105,6 @@ impl Cholesky {
             x: vec![0.0; dofs],
             pivots: vec![0.0; dofs],
             work: vec![0.0; tallest],
-            lanes: Vec::new(),
-            lanes_work: Vec::new(),
             matrix,
             twice,
             cost_of_digits: 0,

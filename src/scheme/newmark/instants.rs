@@ -48,26 +48,10 @@ pub(super) struct CentralInstants {
     next: InstantData,
     /// Bounds on `$U^{n+1,e}$`, in m; `None` where obstacles do not move.
     limits: Option<Bounds>,
-    /// Accumulated work `$W_n$`, in J, one entry per system of the engine.
-    pub work: Vec<f64>,
-    /// Increment `$w_n$`, in J, one entry per system.
-    pub increment: Vec<f64>,
-    /// Work space of the next increment.
-    next_increment: Vec<f64>,
-}
-
-/// Sets `sums` to the sums over the dofs of each system, given one term per dof.
-fn sum_each(terms: impl Iterator<Item = f64>, sums: &mut [f64]) {
-    if let [sum] = sums {
-        *sum = terms.sum();
-        return;
-    }
-    sums.fill(0.0);
-    let mut terms = terms;
-    while let Some(first) = terms.next() {
-        sums[0] += first;
-        sums[1..].iter_mut().zip(&mut terms).for_each(|(sum, term)| *sum += term);
-    }
+    /// Accumulated work `$W_n$`, in J.
+    pub work: f64,
+    /// Increment `$w_n$`, in J.
+    pub increment: f64,
 }
 
 impl CentralInstants {
@@ -88,17 +72,15 @@ impl CentralInstants {
         let places: Vec<f64> = next.places.iter().zip(travelled).map(|(next, path)| next - path).collect();
         prev.carry(&system.drive, &places);
         let limits = now.bounds.clone();
-        let zeros = vec![0.0; system.engine.systems()];
-        let (work, increment, next_increment) = (zeros.clone(), zeros.clone(), zeros);
-        let mut instants =
-            CentralInstants { parameters, prev, now, next, limits, work, increment, next_increment };
+        let mut instants = CentralInstants { parameters, prev, now, next, limits, work: 0.0, increment: 0.0 };
         instants.average_bounds();
         Ok(Some(instants))
     }
 
     /// Saves all data to an archive or restores them from it.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        self.work.iter_mut().chain(&mut self.increment).try_for_each(|value| archive.value(value))?;
+        archive.value(&mut self.work)?;
+        archive.value(&mut self.increment)?;
         for instant in [&mut self.prev, &mut self.now, &mut self.next] {
             instant.archive(archive)?;
         }
@@ -197,22 +179,19 @@ impl CentralInstants {
         displacement: impl Iterator<Item = f64> + Clone,
         reaction: &[f64],
     ) -> Result<()> {
-        let mut sums = std::mem::take(&mut self.next_increment);
-        sum_each(self.load().zip(displacement.clone()).map(|(f, du)| f * du), &mut sums);
+        let by = |force: &mut dyn Iterator<Item = f64>| -> f64 {
+            force.zip(displacement.clone()).map(|(f, du)| f * du).sum()
+        };
+        let mut sum = by(&mut self.load());
         for (motion, a) in system.drive.supports.iter().zip(self.accelerations()) {
-            let mut momenta = vec![0.0; sums.len()];
-            sum_each(motion.momentum.iter().zip(displacement.clone()).map(|(m, du)| m * du), &mut momenta);
-            sums.iter_mut().zip(momenta).for_each(|(sum, momentum)| *sum -= a * momentum);
+            sum -= a * by(&mut motion.momentum.iter().copied());
         }
-        // Obstacles of systems side by side do not move.
-        sums[0] += self.prev.boundary_work(&self.next, reaction);
-        for (k, sum) in sums.iter_mut().enumerate() {
-            *sum = 0.5 * system.total(*sum)?;
-            if n > 0 {
-                self.work[k] += 0.5 * (self.increment[k] + *sum);
-            }
+        sum += self.prev.boundary_work(&self.next, reaction);
+        let increment = 0.5 * system.total(sum)?;
+        if n > 0 {
+            self.work += 0.5 * (self.increment + increment);
         }
-        self.next_increment = std::mem::replace(&mut self.increment, sums);
+        self.increment = increment;
         Ok(())
     }
 }

@@ -108,9 +108,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let elastic =
             engine.multiply(stiffness, &next, &mut product)? + 2.0 * force.elastic_energy(system, u_n)?;
         let work = system.work(u_n)? + system.work(&next)?;
-        let by_time = instants.as_ref().map_or(0.0, |instants| {
-            instants.work.iter().sum::<f64>() + 0.5 * instants.increment.iter().sum::<f64>()
-        });
+        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment);
         let stored = 0.5 * (self.levels.stored_now() + self.levels.stored[1]);
         Ok(0.5 * kinetic + 0.25 * elastic + stored - 0.5 * work - by_time)
     }
@@ -156,7 +154,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let [rate, v] = &mut *self.work.borrow_mut();
         rate.iter_mut().zip(self.central_velocity()).for_each(|(rate, now)| *rate = now);
         let kinetic = system.kinetic_energy(rate, v)?;
-        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work.iter().sum());
+        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work);
         let work = system.work(u_n)? + by_time;
         Ok(Energies { kinetic, elastic: elastic + self.levels.stored_now(), work })
     }

@@ -7,11 +7,11 @@
 //! system whose exchanges do not end soon is left to [`crate::vi::ComplianceSolver`], which always
 //! ends.
 
-use crate::linalg::{Ensemble, LaneMask, Lanes};
+use crate::linalg::{LaneMask, Lanes};
 use crate::vi::SIGN_ROUNDINGS;
 use faer::Mat;
 
-const LANES: usize = Ensemble::SYSTEMS;
+const LANES: usize = Lanes::COUNT;
 pub(super) const ZERO: Lanes = Lanes([0.0; LANES]);
 const ONE: Lanes = Lanes([1.0; LANES]);
 

@@ -9,7 +9,7 @@ use crate::modes::modes_with_mass;
 use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
 use crate::scheme::modal::all_bounds::AllBounds;
 use crate::scheme::modal::contact_model::{BoundRows, ContactModel};
-use crate::scheme::{NewmarkParameters, SideBySide, System};
+use crate::scheme::{NewmarkParameters, System};
 use faer::Mat;
 use std::rc::Rc;
 
@@ -34,15 +34,40 @@ pub struct SharedModes<'s> {
     pub(super) factors: KnownFactors,
 }
 
+/// Returns whether nothing but loads of given shape depends on time, no bound has a law of its own,
+/// and no damping acts on single modes but those of a modal mass.
+fn is_plain(System { bounds, drive, mass, .. }: &System<Native>) -> bool {
+    drive.supports.is_empty()
+        && drive.bounds.is_none()
+        && drive.load.is_none()
+        && drive.dashpots.is_none()
+        && (drive.modal.is_none() || matches!(mass, Form::Modal { .. }))
+        && bounds.hertz.is_none()
+}
+
 impl<'s> SharedModes<'s> {
-    /// Returns the modes in which a system goes in lock step with others; `None` where it does not,
-    /// since there are too many of them, or rounding spoils them.
+    /// Returns whether another system can go in lock step: it has the same matrices and bounded
+    /// dofs.
+    pub fn fit(&self, other: &System<Native>) -> bool {
+        let System { stiffness, mass, damping, bounds, .. } = self.system;
+        let rates = |of: &System<Native>| of.drive.modal.as_ref().map(|modal| modal.rates().to_vec());
+        let are_same = *damping == other.damping && bounds.dofs == other.bounds.dofs;
+        is_plain(other)
+            && are_same
+            && rates(self.system) == rates(other)
+            && stiffness.equals(&other.stiffness)
+            && mass.equals(&other.mass)
+    }
+
+    /// Returns the modes in which a system goes in lock step with others; `None` where it does not:
+    /// something other than loads of given shape moves, damping acts on single modes of a mass of
+    /// cells, there are too many modes, or rounding spoils them.
     ///
     /// # Errors
     /// Returns the errors of the dense eigenvalues.
     pub fn modes(system: &System<Native>) -> Result<Option<Rc<MassModes>>> {
-        let System { engine, stiffness, mass, bounds, drive, .. } = system;
-        if !SideBySide::takes(system) || drive.load.is_some() {
+        let System { engine, stiffness, mass, bounds, .. } = system;
+        if !is_plain(system) {
             return Ok(None);
         }
         if let Form::Modal { modes, .. } = mass {
