@@ -1,8 +1,7 @@
-//! Batches of eight cells, or pairs of cells, which gather their local dofs from a work space with
-//! strips of vectors in layout order.
+//! Batches of eight cells, which gather their local dofs from a work space with strips of vectors in
+//! layout order.
 
 use super::BARE;
-use super::joined::{Cell, Unit, units};
 use super::lane_mask::LaneMask;
 use super::lane_values::{LANES, Lanes};
 use super::layout::Layout;
@@ -12,15 +11,17 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::mem::take;
 use std::rc::Rc;
 
-/// Smallest number of units for which a row is worth its unused lanes.
+/// Cell of a form: its free dofs and its class. Cells of one class have the same local values.
+pub(super) type Cell = (Rc<[Option<usize>]>, usize);
+
+/// Smallest number of cells for which a row is worth its unused lanes.
 const LEAST_ROW: usize = 2;
 
-/// Eight units, cells or pairs of them, with equally many local dofs.
+/// Eight cells with equally many local dofs.
 #[derive(Debug)]
 pub(super) struct Batch {
-    /// Numbers of the first and the second cell of each lane; the number of all cells where there
-    /// is none.
-    pub cells: [[u32; LANES]; 2],
+    /// Number of the cell in each lane; the number of all cells where there is none.
+    pub cells: [u32; LANES],
     /// Index of the batch's entry in [`Batches::panels`]: the panel of each form with the local
     /// values.
     pub panel: usize,
@@ -40,9 +41,8 @@ enum Places {
 /// share one pattern, so that it stays in the first cache.
 #[derive(Debug)]
 struct Pattern {
-    /// Lanes in use, and the number of them up to the last one.
+    /// Lanes in use.
     used: LaneMask,
-    lanes: usize,
     /// Place of each local dof in the first lane; those of the other lanes follow it.
     starts: Vec<u32>,
     /// Places and numbers of two local dofs, the second of which lies one place further. Both are
@@ -70,8 +70,7 @@ impl Pattern {
                 _ => singles.push((start, *dof)),
             }
         }
-        let lanes = used.iter().rposition(|used| *used).map_or(0, |last| last + 1);
-        Pattern { used: LaneMask::of(used), lanes, starts, pairs, singles }
+        Pattern { used: LaneMask::of(used), starts, pairs, singles }
     }
 }
 
@@ -119,15 +118,6 @@ impl Batch {
         match &self.places {
             Places::Row { pattern, .. } => pattern.starts.len(),
             Places::Scattered(places) => places.len(),
-        }
-    }
-
-    /// Returns the number of vector registers that the lanes in use fill.
-    #[inline(always)]
-    pub fn registers<S: Simd>(&self) -> usize {
-        match &self.places {
-            Places::Row { pattern, .. } => pattern.lanes.div_ceil(S::F64_LANES),
-            Places::Scattered(_) => LANES / S::F64_LANES,
         }
     }
 
@@ -195,23 +185,23 @@ impl Batch {
     }
 }
 
-/// Units in a row while it is being built: each dof of the unit in lane k lies k positions after
+/// Cells in a row while it is being built: each dof of the cell in lane k lies k positions after
 /// that of the first lane.
 struct Row<'a> {
     layout: &'a Layout,
-    /// Position of each local dof in the first lane; unknown while all units so far hold it.
+    /// Position of each local dof in the first lane; unknown while all cells so far hold it.
     starts: Vec<Option<u32>>,
-    /// Lane and number of each unit, by ascending lane.
+    /// Lane and number of each cell, by ascending lane.
     lanes: Vec<(usize, usize)>,
 }
 
 impl<'a> Row<'a> {
-    fn new(layout: &'a Layout, unit: usize, dofs: &[Option<usize>]) -> Row<'a> {
-        Row { layout, starts: layout.places_of(dofs).collect(), lanes: vec![(0, unit)] }
+    fn new(layout: &'a Layout, cell: usize, dofs: &[Option<usize>]) -> Row<'a> {
+        Row { layout, starts: layout.places_of(dofs).collect(), lanes: vec![(0, cell)] }
     }
 
-    /// Adds a unit to the batch if one of the remaining lanes fits it, and returns whether one did.
-    fn take(&mut self, unit: usize, dofs: &[Option<usize>]) -> bool {
+    /// Adds a cell to the batch if one of the remaining lanes fits it, and returns whether one did.
+    fn take(&mut self, cell: usize, dofs: &[Option<usize>]) -> bool {
         let places: Vec<_> = self.layout.places_of(dofs).collect();
         let pairs = || self.starts.iter().copied().zip(places.iter().copied());
         let lane = pairs().find_map(|(start, place)| place?.checked_sub(start?));
@@ -232,7 +222,7 @@ impl<'a> Row<'a> {
             for (start, place) in self.starts.iter_mut().zip(&places) {
                 *start = start.or(place.map(|place| place - lane));
             }
-            self.lanes.push((lane as usize, unit));
+            self.lanes.push((lane as usize, cell));
         }
         fits
     }
@@ -242,44 +232,37 @@ impl<'a> Row<'a> {
 #[derive(Debug)]
 pub(super) struct Batches {
     cells: Vec<Cell>,
-    units: Vec<Unit>,
-    /// Batches of eight units.
+    /// Batches of eight cells.
     pub list: Vec<Batch>,
     /// Order in which they are multiplied.
     pub turns: Turns,
-    /// Units whose local values make up each panel, lane by lane.
+    /// Cells whose local values make up each panel, lane by lane.
     panels: Vec<[usize; LANES]>,
     /// Largest number of local dofs.
     pub width: usize,
 }
 
 impl Batches {
-    fn of(cells: Vec<Cell>, units: Vec<Unit>) -> Batches {
-        let width = units.iter().map(|unit| unit.dofs.len()).max().unwrap_or(0);
-        let turns = Turns { list: Vec::new(), size: 0 };
-        Batches { cells, units, list: Vec::new(), turns, panels: Vec::new(), width }
-    }
-
     /// Creates the batches of some cells.
     ///
-    /// A unit is a single cell, or a pair of triangles that is multiplied as one quadrilateral. A
-    /// batch has up to eight units, and all batches of a class share the local values of one panel.
-    /// Units of a class that lie in a row come first, then all others of the class, eight at a
-    /// time. What is left of all classes is packed into batches that have a panel each.
+    /// A batch has up to eight cells, and all batches of a class share the local values of one
+    /// panel. Cells of a class that lie in a row come first, then all others of the class, eight at
+    /// a time. What is left of all classes is packed into batches that have a panel each.
     pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
-        let units = units(&cells, BARE);
-        let mut batches = Batches::of(cells, units);
-        let mut classes: BTreeMap<(usize, [usize; 2]), Vec<usize>> = BTreeMap::new();
-        for (number, unit) in batches.units.iter().enumerate() {
-            classes.entry((unit.dofs.len(), unit.classes)).or_default().push(number);
+        let width = cells.iter().map(|(dofs, _)| dofs.len()).max().unwrap_or(0);
+        let turns = Turns { list: Vec::new(), size: 0 };
+        let mut batches = Batches { cells, list: Vec::new(), turns, panels: Vec::new(), width };
+        let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+        for (number, (dofs, class)) in batches.cells.iter().enumerate() {
+            classes.entry((dofs.len(), *class)).or_default().push(number);
         }
-        let mut left: BTreeMap<(usize, bool, bool), Vec<usize>> = BTreeMap::new();
+        let mut left: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
         let mut patterns = Patterns::new();
-        for ((size, [number, second]), mut class) in classes {
+        for ((size, number), mut class) in classes {
             batches.sort_along_lines(layout, &mut class);
             let (rows, loose) = batches.rows(layout, &class);
             let whole = loose.chunks_exact(LANES);
-            left.entry((size, number >= BARE, second > 0)).or_default().extend(whole.remainder());
+            left.entry((size, number >= BARE)).or_default().extend(whole.remainder());
             if rows.is_empty() && whole.len() == 0 {
                 continue;
             }
@@ -316,7 +299,7 @@ impl Batches {
             });
             strips
         };
-        let first_cell = |batch: &Batch| batch.cells[0].iter().min().copied();
+        let first_cell = |batch: &Batch| batch.cells.iter().min().copied();
         self.list.sort_by_cached_key(|batch| (strips_of(batch).first().copied(), first_cell(batch)));
         let strips: Vec<_> = layout.strips().collect();
         let needs: Vec<_> = self.list.iter().map(strips_of).collect();
@@ -334,14 +317,9 @@ impl Batches {
         });
     }
 
-    /// Returns the units of each panel.
-    pub fn panels(&self) -> impl Iterator<Item = [&Unit; LANES]> {
-        self.panels.iter().map(|units| units.map(|unit| &self.units[unit]))
-    }
-
-    /// Returns all cells and pairs of them.
-    pub fn units(&self) -> &[Unit] {
-        &self.units
+    /// Returns the numbers of the cells of each panel.
+    pub fn panels(&self) -> &[[usize; LANES]] {
+        &self.panels
     }
 
     /// Returns whether the batches contain exactly these cells.
@@ -349,25 +327,25 @@ impl Batches {
         self.cells == cells
     }
 
-    /// Sorts the units of a class by the offset of their dofs from those of the unit with the
+    /// Sorts the cells of a class by the offset of their dofs from those of the cell with the
     /// fewest held dofs.
     fn sort_along_lines(&self, layout: &Layout, class: &mut [usize]) {
-        let held = |&unit: &usize| self.units[unit].dofs.iter().filter(|dof| dof.is_none()).count();
+        let held = |&cell: &usize| self.cells[cell].0.iter().filter(|dof| dof.is_none()).count();
         let Some(model) = class.iter().copied().min_by_key(held) else { return };
-        let model: Vec<_> = layout.places_of(&self.units[model].dofs).collect();
-        class.sort_by_cached_key(|&unit| {
-            let mut pairs = layout.places_of(&self.units[unit].dofs).zip(&model);
+        let model: Vec<_> = layout.places_of(&self.cells[model].0).collect();
+        class.sort_by_cached_key(|&cell| {
+            let mut pairs = layout.places_of(&self.cells[cell].0).zip(&model);
             pairs.find_map(|(place, model)| Some(i64::from(place?) - i64::from((*model)?)))
         });
     }
 
-    /// Returns the rows among the units of a class, and the units that lie in no row.
+    /// Returns the rows among the cells of a class, and the cells that lie in no row.
     fn rows<'l>(&self, layout: &'l Layout, class: &[usize]) -> (Vec<Row<'l>>, Vec<usize>) {
         let (mut rows, mut loose) = (Vec::new(), Vec::new());
         let mut rest = class;
         while let Some((&first, others)) = rest.split_first() {
-            let mut row = Row::new(layout, first, &self.units[first].dofs);
-            let more = others.iter().take_while(|&&unit| row.take(unit, &self.units[unit].dofs)).count();
+            let mut row = Row::new(layout, first, &self.cells[first].0);
+            let more = others.iter().take_while(|&&cell| row.take(cell, &self.cells[cell].0)).count();
             if 1 + more >= LEAST_ROW {
                 rows.push(row);
                 rest = &others[more..];
@@ -379,37 +357,31 @@ impl Batches {
         (rows, loose)
     }
 
-    /// Adds a panel with the values of some units and returns its index. Unused lanes repeat the
-    /// first unit, whose values do not matter there.
-    fn panel(&mut self, units: &[usize]) -> usize {
-        let mut lanes = [units[0]; LANES];
-        lanes[..units.len()].copy_from_slice(units);
+    /// Adds a panel with the values of some cells and returns its index. Unused lanes repeat the
+    /// first cell, whose values do not matter there.
+    fn panel(&mut self, cells: &[usize]) -> usize {
+        let mut lanes = [cells[0]; LANES];
+        lanes[..cells.len()].copy_from_slice(cells);
         self.panels.push(lanes);
         self.panels.len() - 1
     }
 
-    /// Adds a batch of units whose dofs lie anywhere.
-    fn scatter(&mut self, layout: &Layout, panel: usize, units: &[usize]) {
-        let mut places = vec![[layout.nowhere(); LANES]; self.units[units[0]].dofs.len()];
-        for (lane, &unit) in units.iter().enumerate() {
-            for (slot, place) in places.iter_mut().zip(layout.places_of(&self.units[unit].dofs)) {
+    /// Adds a batch of cells whose dofs lie anywhere.
+    fn scatter(&mut self, layout: &Layout, panel: usize, cells: &[usize]) {
+        let mut places = vec![[layout.nowhere(); LANES]; self.cells[cells[0]].0.len()];
+        for (lane, &cell) in cells.iter().enumerate() {
+            for (slot, place) in places.iter_mut().zip(layout.places_of(&self.cells[cell].0)) {
                 slot[lane] = place.unwrap_or(layout.nowhere());
             }
         }
-        let lanes: Vec<_> = units.iter().copied().enumerate().collect();
+        let lanes: Vec<_> = cells.iter().copied().enumerate().collect();
         self.push(panel, &lanes, Places::Scattered(places));
     }
 
-    /// Adds a batch with the given units in some lanes.
+    /// Adds a batch with the given cells in some lanes.
     fn push(&mut self, panel: usize, lanes: &[(usize, usize)], places: Places) {
-        let mut cells = [[self.cells.len() as u32; LANES]; 2];
-        for &(lane, unit) in lanes {
-            let Unit { cell, second, .. } = self.units[unit];
-            cells[0][lane] = cell as u32;
-            if let Some((second, _)) = second {
-                cells[1][lane] = second as u32;
-            }
-        }
+        let mut cells = [self.cells.len() as u32; LANES];
+        lanes.iter().for_each(|&(lane, cell)| cells[lane] = cell as u32);
         self.list.push(Batch { cells, panel, places });
     }
 }
@@ -445,7 +417,7 @@ mod tests {
         };
         assert!(Rc::ptr_eq(pattern, same));
         assert_eq!((pattern.pairs.len(), pattern.singles.len()), (2, 3));
-        let batch = Batch { cells: [[0; LANES]; 2], panel: 0, places };
+        let batch = Batch { cells: [0; LANES], panel: 0, places };
         let value = |dof: usize, lane: usize| (1 << dof) as f64 * (1.0 + lane as f64);
         let local: Vec<Lanes> =
             (0..starts.len()).map(|dof| Lanes(std::array::from_fn(|lane| value(dof, lane)))).collect();

@@ -1,12 +1,10 @@
 //! Symmetric forms that are stored cell by cell and applied to eight cells at once.
 //!
 //! The local matrices of a batch are interleaved, one cell per lane, in a *panel*. Congruent cells
-//! share one panel, so that a regular mesh reads its stiffness from the cache. Two triangles may be
-//! one unit of a batch, see [`super::joined`].
+//! share one panel, so that a regular mesh reads its stiffness from the cache.
 
 use super::ElementMatrix;
 use super::batch::{Batch, Batches};
-use super::joined::Unit;
 use super::lane_values::{LANES, Lanes, interleave};
 use super::layout::Layout;
 use super::scratch::Room;
@@ -30,26 +28,24 @@ pub(super) struct Panel {
 }
 
 impl Panel {
-    fn new(units: [&Unit; LANES], blocks: &[ElementMatrix]) -> Panel {
-        let size = units[0].dofs.len();
-        let matrices = units.map(|unit| unit.matrix(blocks));
-        let bending = units.map(|unit| unit.bending(blocks));
-        let bending = bending.each_ref().map(Option::as_deref);
+    fn new(cells: [&ElementMatrix; LANES]) -> Panel {
+        let size = cells[0].dofs.len();
+        let matrices = cells.map(|cell| &*cell.matrix);
+        let bending = cells.map(|cell| cell.bending.as_deref());
         Panel {
             matrix: interleave(&matrices),
-            // Either all units of a panel have it or none has.
-            strains: bending[0].and_then(|first| Strains::new(bending.map(|unit| unit.unwrap_or(first)))),
+            // Either all cells of a panel have it or none has.
+            strains: bending[0].and_then(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
             is_difference: matrices.iter().all(|matrix| is_difference(matrix)),
             is_diagonal: size > 2 && matrices.iter().all(|matrix| is_diagonal(matrix, size)),
         }
     }
 
-    /// Computes result = A local and returns local^T A local. Beyond the given number of registers,
-    /// local is zero.
+    /// Computes result = A local and returns local^T A local.
     #[inline(always)]
-    pub fn apply<S: Simd>(&self, simd: S, registers: usize, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         if let Some(strains) = &self.strains {
-            return strains.apply(simd, registers, local, result);
+            return strains.apply(simd, local, result);
         }
         if self.is_difference {
             let difference = local[0] - local[1];
@@ -94,7 +90,7 @@ impl Panel {
         for (m, term) in m.iter_mut().zip(&*result) {
             m.add_scaled(simd, 1.0, term);
         }
-        self.apply(simd, LANES / S::F64_LANES, local, result);
+        self.apply(simd, local, result);
         for (y, term) in y.iter_mut().zip(result) {
             y.add_scaled(simd, scale, term);
         }
@@ -179,7 +175,8 @@ impl CellForm {
     /// Collects the cells' local matrices, given the batches of the cells.
     pub(super) fn new(batches: Rc<Batches>, blocks: impl Into<Rc<[ElementMatrix]>>) -> CellForm {
         let blocks = blocks.into();
-        let panels = batches.panels().map(|units| Panel::new(units, &blocks)).collect();
+        let panels = batches.panels().iter().map(|cells| Panel::new(cells.map(|cell| &blocks[cell])));
+        let panels = panels.collect();
         CellForm { batches, panels, blocks }
     }
 
@@ -197,14 +194,6 @@ impl CellForm {
     /// Returns the cells' contributions, for assembly.
     pub fn blocks(&self) -> &[ElementMatrix] {
         &self.blocks
-    }
-
-    /// Calls `visit` with the free dofs and the local matrix of each cell, or of each pair of cells
-    /// that is multiplied as one.
-    pub(super) fn for_each_unit(&self, mut visit: impl FnMut(&[Option<usize>], &[f64])) {
-        for unit in self.batches.units() {
-            visit(&unit.dofs, &unit.matrix(&self.blocks));
-        }
     }
 
     /// Sets y, if it is wanted, to A x and returns x^T A x.
@@ -254,7 +243,7 @@ impl CellForm {
     ) -> Lanes {
         let (local, Room { result, .. }) = strips.scratch.split(size);
         batch.gather(strips.x, local);
-        let form = self.panel(batch).apply(simd, batch.registers::<S>(), local, result);
+        let form = self.panel(batch).apply(simd, local, result);
         if is_wanted {
             batch.scatter(simd, [result], [strips.y]);
         }

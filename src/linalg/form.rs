@@ -236,7 +236,6 @@ fn add_batch_with_part<S: Simd>(
 ) {
     let (local, Room { work, result, y, .. }) = strips.scratch.split(size);
     batch.gather(strips.x, local);
-    let registers = batch.registers::<S>();
     let (mut has_part, mut has_others) = (false, false);
     for &(scale, form) in forms {
         let is_part = std::ptr::eq(form, part);
@@ -248,13 +247,13 @@ fn add_batch_with_part<S: Simd>(
         };
         match form {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.panel(batch).apply(simd, registers, local, term);
+                cells.panel(batch).apply(simd, local, term);
                 if !is_part {
                     term.iter_mut().for_each(|term| *term = scale * *term);
                 }
             }
             Form::SingularMassCells(averages) => {
-                averages.panel(batch).apply(simd, registers, scale, local, term);
+                averages.panel(batch).apply(simd, scale, local, term);
             }
         }
         if !is_part && has_others {

@@ -1,7 +1,6 @@
 //! Eight numbers side by side, which vector registers of any width compute with at once.
 
 use pulp::Simd;
-use std::borrow::Cow;
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// Number of lanes, and of the cells of a batch.
@@ -115,11 +114,11 @@ impl Lanes {
     }
 }
 
-/// Interleaves the values of eight units, one unit per lane.
-pub(super) fn interleave(values: &[Cow<[f64]>; LANES]) -> Vec<Lanes> {
+/// Interleaves the values of eight cells, one cell per lane.
+pub(super) fn interleave(values: &[&[f64]; LANES]) -> Vec<Lanes> {
     let mut panel = vec![Lanes::default(); values[0].len()];
     for (lane, values) in values.iter().enumerate() {
-        for (slot, value) in panel.iter_mut().zip(&**values) {
+        for (slot, value) in panel.iter_mut().zip(*values) {
             slot.0[lane] = *value;
         }
     }
@@ -138,16 +137,6 @@ pub(super) fn dofs<S: Simd>(local: &[Lanes], node: usize, k: usize) -> [S::f64s;
 pub(super) fn store<S: Simd>(force: [S::f64s; 3], result: &mut [Lanes], node: usize, k: usize) {
     for (dof, force) in force.into_iter().enumerate() {
         *result[3 * node + dof].register_mut::<S>(k) = force;
-    }
-}
-
-/// Sets numbers to zero from some register on.
-#[inline(always)]
-pub(super) fn clear_from<S: Simd>(simd: S, register: usize, values: &mut [Lanes]) {
-    for k in register..LANES / S::F64_LANES {
-        for value in values.iter_mut() {
-            *value.register_mut::<S>(k) = simd.splat_f64s(0.0);
-        }
     }
 }
 

@@ -1,11 +1,10 @@
 //! Engine of one process: plain arrays and a sparse Cholesky factor.
 
-use super::batch::Batches;
+use super::batch::{Batches, Cell};
 use super::cells::CellForm;
 use super::cholesky;
 use super::double_double::DoubleDouble;
 use super::form::{self, Form};
-use super::joined::Cell;
 use super::layout::Layout;
 use super::singular_mass::SingularMassCells;
 use super::workspace::{Strips, Workspace};
@@ -385,11 +384,10 @@ impl Engine for Native {
         for (scale, form) in sum.terms() {
             match form {
                 Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                    // The magnitudes of a row are those of the matrices that are multiplied.
-                    cells.for_each_unit(|dofs, matrix| {
+                    for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
                         let entry = |i: usize, j: usize| scale * matrix[i * dofs.len() + j];
                         add_couplings(&mut couplings, dofs, entry);
-                    });
+                    }
                 }
                 Form::SingularMassCells(averages) => {
                     for SingularMassCell { dofs, row, mass, .. } in averages.rows() {

@@ -2,14 +2,12 @@
 //!
 //! The local matrix of a quadrilateral has 144 entries per cell, its root 45. All strains of the
 //! cells are computed first, and then their forces node by node: neither takes more than 16 vector
-//! registers, so that only dofs, root and forces pass through memory. Congruent cells that a half
-//! turn maps onto themselves take fewer entries yet, see [`super::parallelograms`].
+//! registers, so that only dofs, root and forces pass through memory.
 //!
 //! There are no closures in the loops, as in [`super::simd`].
 
 use super::Bending;
 use super::lane_values::{LANES, Lanes, dofs, store};
-use super::parallelograms::Parallelograms;
 use pulp::Simd;
 
 /// [`Bending`] of eight cells.
@@ -17,7 +15,6 @@ use pulp::Simd;
 pub(super) enum Strains {
     Triangles(Cells<2>),
     Quadrilaterals(Cells<3>),
-    Parallelograms(Parallelograms),
 }
 
 /// [`Bending`] of eight cells with so many nodes after the first.
@@ -64,11 +61,6 @@ impl Strains {
     /// Interleaves the representations of some cells with equally many nodes; `None` if these are
     /// neither three nor four.
     pub fn new(cells: [&Bending; LANES]) -> Option<Strains> {
-        if cells.iter().all(|cell| *cell == cells[0])
-            && let Some(parallelograms) = Parallelograms::new(cells[0])
-        {
-            return Some(Strains::Parallelograms(parallelograms));
-        }
         match cells[0].arms.len() {
             2 => Some(Strains::Triangles(Cells::new(cells))),
             3 => Some(Strains::Quadrilaterals(Cells::new(cells))),
@@ -76,14 +68,12 @@ impl Strains {
         }
     }
 
-    /// Computes result = A local and returns local^T A local. Beyond the given number of registers,
-    /// local is zero.
+    /// Computes result = A local and returns local^T A local.
     #[inline(always)]
-    pub fn apply<S: Simd>(&self, simd: S, registers: usize, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         match self {
             Strains::Triangles(cells) => cells.apply(simd, local, result),
             Strains::Quadrilaterals(cells) => cells.apply(simd, local, result),
-            Strains::Parallelograms(cells) => cells.apply(simd, registers, local, result),
         }
     }
 }
@@ -247,7 +237,7 @@ mod tests {
 
         #[inline(always)]
         fn with_simd<S: Simd>(self, simd: S) -> Lanes {
-            self.0.apply(simd, LANES / S::F64_LANES, self.1, self.2)
+            self.0.apply(simd, self.1, self.2)
         }
     }
 
