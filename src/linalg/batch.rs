@@ -1,5 +1,6 @@
-//! Batches of eight cells, which gather their local dofs from a work space with strips of vectors in
-//! layout order.
+//! Batches of eight cells.
+//!
+//! A batch gathers its local dofs from a work space with strips of vectors in layout order.
 
 use super::BARE;
 use super::lane_mask::LaneMask;
