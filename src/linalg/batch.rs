@@ -9,7 +9,6 @@ use super::layout::Layout;
 use super::turns::Turns;
 use pulp::Simd;
 use std::collections::{BTreeMap, BTreeSet};
-use std::mem::take;
 use std::rc::Rc;
 
 /// Cell of a form: its free dofs and its class. Cells of one class have the same local values.
@@ -32,16 +31,14 @@ pub(super) struct Batch {
 /// Places of local dofs in the work space; positions in layout order until they are known.
 #[derive(Debug)]
 enum Places {
-    /// Row whose least place is `first`.
-    Row { first: u32, pattern: Rc<Pattern> },
+    Row(RowPlaces),
     /// Place of each local dof, lane by lane.
     Scattered(Vec<[u32; LANES]>),
 }
 
-/// Places of the local dofs of a row, counted from the least place. Most rows of a regular mesh
-/// share one pattern, so that it stays in the first cache.
+/// Places of the local dofs of a row.
 #[derive(Debug)]
-struct Pattern {
+struct RowPlaces {
     /// Lanes in use.
     used: LaneMask,
     /// Place of each local dof in the first lane; those of the other lanes follow it.
@@ -53,9 +50,10 @@ struct Pattern {
     singles: Vec<(u32, u32)>,
 }
 
-impl Pattern {
-    /// Creates the pattern of a row from its lanes in use and the place of each local dof.
-    fn new(used: [bool; LANES], starts: Vec<u32>) -> Pattern {
+impl RowPlaces {
+    /// Creates the places of a row from its lanes in use and the place of each local dof in the
+    /// first lane.
+    fn new(used: [bool; LANES], starts: Vec<u32>) -> RowPlaces {
         let mut order: Vec<u32> = (0..starts.len() as u32).collect();
         order.sort_by_key(|&dof| starts[dof as usize]);
         let (mut pairs, mut singles) = (Vec::new(), Vec::new());
@@ -71,39 +69,25 @@ impl Pattern {
                 _ => singles.push((start, *dof)),
             }
         }
-        Pattern { used: LaneMask::of(used), starts, pairs, singles }
+        RowPlaces { used: LaneMask::of(used), starts, pairs, singles }
     }
 }
 
-/// Patterns of rows so far, each with its lanes in use and the places of its local dofs.
-type Patterns = BTreeMap<([bool; LANES], Vec<u32>), Rc<Pattern>>;
-
 impl Places {
-    /// Creates the places of a row from its lanes in use and the place of each local dof in the
-    /// first lane.
-    fn row(used: [bool; LANES], starts: impl Iterator<Item = u32>, patterns: &mut Patterns) -> Places {
-        let mut starts: Vec<u32> = starts.collect();
-        let first = starts.iter().min().copied().unwrap_or(0);
-        starts.iter_mut().for_each(|start| *start -= first);
-        let known = patterns.entry((used, starts));
-        let pattern = known.or_insert_with_key(|(used, starts)| Rc::new(Pattern::new(*used, starts.clone())));
-        Places::Row { first, pattern: pattern.clone() }
-    }
-
     /// Calls `visit` with the place of each local dof; in a row, with that in the first lane.
     fn for_each(&self, mut visit: impl FnMut(u32)) {
         match self {
-            Places::Row { first, pattern } => pattern.starts.iter().for_each(|start| visit(first + start)),
-            Places::Scattered(places) => places.iter().flatten().copied().for_each(visit),
+            Places::Row(row) => row.starts.iter().copied().for_each(visit),
+            Places::Scattered(places) => places.iter().flatten().for_each(|place| visit(*place)),
         }
     }
 
     /// Returns these local dofs at other places.
-    fn moved(&self, to: impl Fn(u32) -> u32, patterns: &mut Patterns) -> Places {
+    fn moved(&self, to: impl Fn(u32) -> u32) -> Places {
         match self {
-            Places::Row { first, pattern } => {
-                let used = std::array::from_fn(|lane| pattern.used.holds(lane));
-                Places::row(used, pattern.starts.iter().map(|start| to(first + start)), patterns)
+            Places::Row(row) => {
+                let used = std::array::from_fn(|lane| row.used.holds(lane));
+                Places::Row(RowPlaces::new(used, row.starts.iter().map(|start| to(*start)).collect()))
             }
             Places::Scattered(places) => {
                 Places::Scattered(places.iter().map(|places| places.map(&to)).collect())
@@ -117,7 +101,7 @@ impl Batch {
     #[inline(always)]
     pub fn size(&self) -> usize {
         match &self.places {
-            Places::Row { pattern, .. } => pattern.starts.len(),
+            Places::Row(row) => row.starts.len(),
             Places::Scattered(places) => places.len(),
         }
     }
@@ -126,11 +110,9 @@ impl Batch {
     #[inline(always)]
     pub fn gather(&self, x: &[f64], local: &mut [Lanes]) {
         match &self.places {
-            Places::Row { first, pattern } => {
-                let (x, used) = (&x[*first as usize..], pattern.used);
-                let starts = &pattern.starts[..local.len()];
-                for (value, &start) in local.iter_mut().zip(starts) {
-                    *value = used.keep(Lanes::at(x, start));
+            Places::Row(row) => {
+                for (value, &start) in local.iter_mut().zip(&row.starts) {
+                    *value = row.used.keep(Lanes::at(x, start));
                 }
             }
             Places::Scattered(places) => {
@@ -145,19 +127,11 @@ impl Batch {
 
     /// Adds some local vectors, which are zero in unused lanes, each to a vector.
     #[inline(always)]
-    pub fn scatter<S: Simd, const N: usize>(
-        &self,
-        simd: S,
-        locals: [&[Lanes]; N],
-        mut sums: [&mut [f64]; N],
-    ) {
+    pub fn scatter<S: Simd, const N: usize>(&self, simd: S, locals: [&[Lanes]; N], sums: [&mut [f64]; N]) {
         match &self.places {
-            Places::Row { first, pattern } => {
+            Places::Row(row) => {
                 let first_lane = simd.mask_between_m64s(0, 1).mask();
-                for sum in &mut sums {
-                    *sum = &mut take(sum)[*first as usize..];
-                }
-                for &(start, [dof, next]) in &pattern.pairs {
+                for &(start, [dof, next]) in &row.pairs {
                     for k in 0..N {
                         let (own, next) = (&locals[k][dof as usize], &locals[k][next as usize]);
                         let places = &mut sums[k][start as usize..][..LANES + 1];
@@ -166,7 +140,7 @@ impl Batch {
                         places[..LANES].copy_from_slice(&sum.0);
                     }
                 }
-                for &(start, dof) in &pattern.singles {
+                for &(start, dof) in &row.singles {
                     for k in 0..N {
                         let sum = Lanes::at(sums[k], start) + locals[k][dof as usize];
                         sums[k][start as usize..][..LANES].copy_from_slice(&sum.0);
@@ -258,7 +232,6 @@ impl Batches {
             classes.entry((dofs.len(), *class)).or_default().push(number);
         }
         let mut left: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
-        let mut patterns = Patterns::new();
         for ((size, number), mut class) in classes {
             batches.sort_along_lines(layout, &mut class);
             let (rows, loose) = batches.rows(layout, &class);
@@ -272,7 +245,7 @@ impl Batches {
                 let starts = starts.iter().map(|start| start.unwrap_or(layout.nowhere()));
                 let mut used = [false; LANES];
                 lanes.iter().for_each(|(lane, _)| used[*lane] = true);
-                batches.push(panel, &lanes, Places::row(used, starts, &mut patterns));
+                batches.push(panel, &lanes, Places::Row(RowPlaces::new(used, starts.collect())));
             }
             for chunk in whole {
                 batches.scatter(layout, panel, chunk);
@@ -304,7 +277,6 @@ impl Batches {
         self.list.sort_by_cached_key(|batch| (strips_of(batch).first().copied(), first_cell(batch)));
         let strips: Vec<_> = layout.strips().collect();
         let needs: Vec<_> = self.list.iter().map(strips_of).collect();
-        let mut patterns = Patterns::new();
         self.turns = Turns::new(&strips, &needs, |batch, starts| {
             let Batch { places, .. } = &mut self.list[batch];
             let in_work_space = |place: u32| {
@@ -314,7 +286,7 @@ impl Batches {
                 let strip = layout.strip_of(place);
                 starts[strip] as u32 + place - strips[strip].start
             };
-            *places = places.moved(in_work_space, &mut patterns);
+            *places = places.moved(in_work_space);
         });
     }
 
@@ -408,17 +380,9 @@ mod tests {
     #[test]
     fn rows_are_added_where_they_belong() {
         let starts = [9, 8, 30, 7, 31, 50, 30];
-        let mut patterns = Patterns::new();
-        let mut row = |starts: [u32; 7]| Places::row([true; LANES], starts.into_iter(), &mut patterns);
-        let (places, further) = (row(starts), row(starts.map(|start| start + 5)));
-        let (Places::Row { first: 7, pattern }, Places::Row { first: 12, pattern: same }) =
-            (&places, &further)
-        else {
-            panic!("{places:?}, {further:?}");
-        };
-        assert!(Rc::ptr_eq(pattern, same));
-        assert_eq!((pattern.pairs.len(), pattern.singles.len()), (2, 3));
-        let batch = Batch { cells: [0; LANES], panel: 0, places };
+        let row = RowPlaces::new([true; LANES], starts.to_vec());
+        assert_eq!((row.pairs.len(), row.singles.len()), (2, 3));
+        let batch = Batch { cells: [0; LANES], panel: 0, places: Places::Row(row) };
         let value = |dof: usize, lane: usize| (1 << dof) as f64 * (1.0 + lane as f64);
         let local: Vec<Lanes> =
             (0..starts.len()).map(|dof| Lanes(std::array::from_fn(|lane| value(dof, lane)))).collect();

@@ -58,8 +58,6 @@ pub(super) struct StepDriver<'s, E: Engine> {
     feedback: Option<Feedback>,
     /// Bounds on x, in m.
     bounds: Bounds,
-    /// Magnitude of the bounds of the system, in m, which those of a step are unless they move.
-    magnitude: f64,
     /// Modal velocities of the last step, present after the first step with modal damping.
     modal_velocities: Option<Vec<f64>>,
     /// Modal velocities that the damping of the last step acted on.
@@ -96,7 +94,6 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             has_product: false,
             feedback: None,
             bounds: bounds.clone(),
-            magnitude: bounds.magnitude(),
             modal_velocities: None,
             damped: None,
             x: vec![0.0; engine.dofs()],
@@ -175,13 +172,11 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let weights @ [rate, _] = formulas.bounded_configuration();
         self.bounds.pull_back(limits, [formulas.displacement(), formulas.known()], weights);
         self.bounds.scale_stiffness(limits, rate);
-        let are_still = std::ptr::eq(limits, &self.system.bounds);
-        let magnitude = if are_still { self.magnitude } else { limits.magnitude() };
         let problem = Problem {
             matrix: &self.matrix,
             rhs: &self.b,
             bounds: &self.bounds,
-            length: self.system.length(limits, magnitude, formulas.displacement())?,
+            length: self.system.length(limits, limits.magnitude(), formulas.displacement())?,
         };
         let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
         let more = self.feedback.as_ref().and_then(Feedback::term);

@@ -19,17 +19,17 @@
 //! Where a bound yields, complementarity compares the reaction with its law: it is the smaller of
 //! the relative error of the reaction and that of the depth.
 
-mod row_block;
+mod rows;
 
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::vectors::{is_zero, largest};
 use crate::linalg::wide::widest;
-use crate::linalg::{Engine, Form, LinearCombination};
+use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
 use crate::obstacle::{Bounds, hertz_depth, hertz_force};
 use crate::vi::{Answer, Problem};
 use pulp::Arch;
-use row_block::{RowBlock, RowComparison, RowTerms, raised, row_blocks, subtract_term};
+use rows::{RowTerms, raised};
 
 /// Share of a row's largest possible magnitude, sqrt(A_ii) max_j of sqrt(A_jj) |x_j| and
 /// |b_j| / sqrt(A_jj), below which the row is measured against that share. Where all terms of a row
@@ -130,8 +130,8 @@ pub struct KktCheck {
     loose: Option<Vec<(usize, f64)>>,
     /// Least magnitude of a deflection without stiffness times its scale, in sqrt(J).
     least_size: f64,
-    /// All rows. Their couplings bound their magnitudes from below.
-    blocks: Vec<RowBlock>,
+    /// Couplings of the rows, which bound their magnitudes from below.
+    couplings: Vec<RowCoupling>,
     residual: Vec<f64>,
     magnitude: Vec<f64>,
     /// Bounds with a reaction, each with its row and the entry of A x.
@@ -147,13 +147,12 @@ impl KktCheck {
         let scale: Vec<f64> = engine.diagonal(matrix)?.into_iter().map(f64::sqrt).collect();
         let inverse_scale = scale.iter().map(|scale| if *scale > 0.0 { 1.0 / scale } else { 0.0 }).collect();
         let zeros = vec![0.0; scale.len()];
-        let blocks = row_blocks(&engine.couplings(matrix)?);
         Ok(KktCheck {
             scale,
             inverse_scale,
             loose: None,
             least_size: 0.0,
-            blocks,
+            couplings: engine.couplings(matrix)?,
             residual: zeros.clone(),
             magnitude: zeros,
             pressed: Vec::new(),
@@ -252,9 +251,9 @@ impl KktCheck {
         answer: &Answer,
         contact: ContactState,
     ) -> Residual {
-        let KktCheck { scale, blocks, residual, magnitude, pressed, .. } = self;
+        let KktCheck { scale, couplings, residual, magnitude, pressed, .. } = self;
         let (bounds, floor) = (problem.bounds, lowest_share(size));
-        let of_rows = RowTerms { x: &*answer.x, scale, terms: [problem.rhs, term] };
+        let rows = RowTerms { x: &*answer.x, scale, couplings, terms: [problem.rhs, term] };
         let terms = |row: usize| (problem.rhs[row], term.get(row).copied().unwrap_or_default());
         let reaction = &*answer.reaction;
         pressed.clear();
@@ -268,15 +267,12 @@ impl KktCheck {
                 }
             }
         }
-        let mut stationarity =
-            Arch::new().dispatch(RowComparison { blocks, of_rows, floor, residual, magnitude });
+        let mut stationarity = rows.compare(floor, residual, magnitude);
         if contact.is_free() {
             return Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
         }
-        let magnitude = |row: usize, reaction: f64| {
-            let block = blocks.partition_point(|block| block.rows.end <= row);
-            raised(blocks[block].magnitude(of_rows, row) + reaction.abs(), floor, scale[row])
-        };
+        let magnitude =
+            |row: usize, reaction: f64| raised(rows.magnitude(row) + reaction.abs(), floor, scale[row]);
         for &(bound, row, product) in &*pressed {
             let (b, more) = terms(row);
             residual[row] = product - b - more - reaction[bound];
@@ -311,7 +307,10 @@ impl KktCheck {
             widest(
                 Arch::new(),
                 #[inline(always)]
-                || subtract_term(term, &mut self.residual, &mut self.magnitude),
+                || {
+                    let rows = self.residual.iter_mut().zip(&mut self.magnitude);
+                    rows.zip(*term).for_each(|((r, m), b)| (*r, *m) = (*r - b, *m + b.abs()));
+                },
             );
             larger(size, largest_product(term, &self.inverse_scale))
         })
