@@ -19,7 +19,7 @@ PAGE = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- weight: begin -->\n", "<!-- weight: end -->\n"
 
 # Largest total, in lines of code.
-LIMIT = 55_300
+LIMIT = 55_000
 
 # Difference up to which a row of the page counts as true: lines, and share of the row.
 TOLERANCE = (30, 0.05)
@@ -28,7 +28,7 @@ TOLERANCE = (30, 0.05)
 CAPABILITIES = {
     "Ground: errors, geometry, archives, hashes": [
         "archive.rs", "communicator.rs", "error.rs", "geometry.rs", "hash.rs", "input.rs", "lib.rs", "main.rs", "memory.rs",
-        "partition.rs",
+        "partition.rs", "random.rs",
     ],
     "Formulas of scenes": ["field"],
     "Elements": ["element"],
@@ -37,6 +37,7 @@ CAPABILITIES = {
     "Meshes of Gmsh": ["mesh/gmsh"],
     "Plates, degrees of freedom, matrices": ["assembly", "dof_map.rs", "plate.rs", "stress.rs", "motion.rs", "energy.rs"],
     "Obstacles": ["obstacle"],
+    "Kernels: products of cells, loops over vectors": ["kernels"],
     "Linear algebra": ["linalg"],
     "Contact solvers and their check": ["vi"],
     "Natural modes": ["modes"],

@@ -207,7 +207,7 @@ fn creeping([lambda, mu]: [f64; 2], x: Vec<f64>, y: Vec<f64>) -> Pair {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linalg::random::golden_vector;
+    use crate::random::golden_vector;
 
     /// Returns W with the entries 1, 2, 3, ... and D = 0.1 W + strength * (a full matrix).
     fn problem(size: usize, strength: f64) -> (Vec<f64>, Mat<f64>) {

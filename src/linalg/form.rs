@@ -1,15 +1,15 @@
 //! Symmetric forms of the native engine, their entries, and products with sums of them.
 
-use super::batch::{Batch, Batches};
-use super::cells::CellForm;
-use super::double_double::DoubleDouble;
-use super::lane_values::Lanes;
-use super::layout::Layout;
-use super::scratch::Room;
-use super::singular_mass::SingularMassCells;
-use super::turns::Turn;
-use super::workspace::Strips;
 use super::{ElementMatrix, MassModes, SingularMassCell};
+use crate::kernels::batch::{Batch, Batches};
+use crate::kernels::cells::CellForm;
+use crate::kernels::double_double::DoubleDouble;
+use crate::kernels::lane_values::Lanes;
+use crate::kernels::layout::Layout;
+use crate::kernels::scratch::Room;
+use crate::kernels::singular_mass::SingularMassCells;
+use crate::kernels::turns::Turn;
+use crate::kernels::workspace::Strips;
 use pulp::Simd;
 use std::rc::Rc;
 

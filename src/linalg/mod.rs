@@ -16,138 +16,33 @@
 //! [`Factor::back_substitute`] completes `$x$` once `$x_c$` is known. A contact step then costs one
 //! sparse solve and one small dense problem.
 
-mod batch;
-mod cells;
+mod bending;
 mod cholesky;
 mod combination;
 pub(crate) mod decoupling;
-mod double_double;
 pub(crate) mod eigen;
 mod form;
-mod lane_mask;
-mod lane_values;
-pub(crate) mod lanes;
-mod layout;
 pub mod modal;
 mod native;
-pub mod random;
-mod scratch;
 pub(crate) mod secular;
-mod simd;
-mod singular_mass;
-mod strains;
-mod turns;
 pub mod vectors;
-pub(crate) mod wide;
-mod workspace;
 
-pub use cells::CellForm;
+pub use crate::kernels::{
+    BARE, Bending, CellForm, ElementMatrix, Layout, SingularMassCell, SingularMassCells,
+};
 pub use cholesky::Cholesky;
 pub use combination::LinearCombination;
 pub use form::Form;
-pub(crate) use lane_mask::LaneMask;
-pub(crate) use lane_values::Lanes;
-pub use layout::Layout;
 pub use modal::MassModes;
 pub use native::{Native, PreciseEntry, factor_precise, precise_entries};
-pub use singular_mass::SingularMassCells;
 
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
-use double_double::DoubleDouble;
+use crate::random;
 use faer::Mat;
 use std::borrow::Cow;
-use vectors::{axpy, divide, dot, subtract};
-
-/// First class number of the cells without [`ElementMatrix::bending`]: springs, foundations, and
-/// cells at supports with oblique axes.
-pub const BARE: usize = 1 << 40;
-
-/// Contribution of one cell to a symmetric form.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ElementMatrix {
-    /// Free dof of each local dof; `None` where a support holds it at zero.
-    pub dofs: std::rc::Rc<[Option<usize>]>,
-    /// Local matrix, symmetric, n x n, row by row.
-    pub matrix: std::rc::Rc<[f64]>,
-    /// Factored representation of a form that vanishes on rigid motions; `None` to apply `matrix`.
-    /// In one form, either all classes below [`BARE`] have it or none has.
-    pub bending: Option<std::rc::Rc<Bending>>,
-    /// Class of congruent cells, which share `matrix` and `bending`.
-    pub class: usize,
-}
-
-/// Local form that vanishes on rigid motions, for three dofs (w, w_x, w_y) per node, written as the
-/// square of a root R of the deformation.
-///
-/// The rigid motion of the cell's first node is removed by differences. This keeps the digits that
-/// an assembled stiffness loses as h^-4, and the root keeps half of those that the local matrix
-/// loses as the fourth power of the cell's aspect ratio.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Bending {
-    /// Position of each node after the first, relative to the first, in m.
-    pub arms: Vec<[f64; 2]>,
-    /// Upper triangular root R, row by row. It acts on the dofs d of the nodes after the first,
-    /// less the rigid motion of the first node; the form is |R d|^2.
-    pub root: Vec<f64>,
-}
-
-impl Bending {
-    /// Returns the columns of R extended to all dofs of the cell, in double-double arithmetic.
-    fn strains(&self) -> Vec<Vec<DoubleDouble>> {
-        let size = 3 * self.arms.len();
-        let own = |column: usize| self.root.iter().skip(column).step_by(size);
-        let mut strains: Vec<Vec<DoubleDouble>> = vec![vec![DoubleDouble::default(); size]; 3];
-        strains.extend((0..size).map(|column| own(column).map(|&r| r.into()).collect()));
-        // Rigid motions make no strain, so the first node's columns balance those of the others.
-        for (k, arm) in self.arms.iter().enumerate() {
-            for row in 0..size {
-                let [w, slope_x, slope_y] = [0, 1, 2].map(|dof| strains[3 * (k + 1) + dof][row]);
-                let lever = [w * arm[0].into(), w * arm[1].into()];
-                strains[0][row] = strains[0][row] - w;
-                strains[1][row] = strains[1][row] - (slope_x + lever[0]);
-                strains[2][row] = strains[2][row] - (slope_y + lever[1]);
-            }
-        }
-        strains
-    }
-
-    /// Returns the form's product with the values of all dofs of the cell, one force per dof.
-    pub fn product(&self, values: &[f64]) -> Vec<f64> {
-        let [w, slope_x, slope_y] = [values[0], values[1], values[2]];
-        let mut bent = values[3..].to_vec();
-        for (node, [x, y]) in bent.chunks_exact_mut(3).zip(&self.arms) {
-            node[0] = (node[0] - w) - (slope_x * x + slope_y * y);
-            node[1] -= slope_x;
-            node[2] -= slope_y;
-        }
-        let mut force = vec![0.0; values.len()];
-        for row in self.root.chunks_exact(bent.len()) {
-            axpy(dot(row, &bent), row, &mut force[3..]);
-        }
-        for (k, [x, y]) in self.arms.iter().enumerate() {
-            let node = [force[3 * k + 3], force[3 * k + 4], force[3 * k + 5]];
-            force[0] -= node[0];
-            force[1] -= node[1] + node[0] * x;
-            force[2] -= node[2] + node[0] * y;
-        }
-        force
-    }
-}
-
-/// Contribution of one cell to the singular mass `$B^T C^{-1} B$`: one row of B and its entry of C.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SingularMassCell {
-    /// Free dof of each local dof; `None` where a support holds it at zero.
-    pub dofs: std::rc::Rc<[Option<usize>]>,
-    /// Row of B, the integrals of rho h phi_i over the cell, in kg (in kg m for a slope).
-    pub row: std::rc::Rc<[f64]>,
-    /// Entry of C, the mass of the cell, in kg.
-    pub mass: f64,
-    /// Class of congruent cells, which share `row` and `mass`.
-    pub class: usize,
-}
+use vectors::{axpy, divide, subtract};
 
 /// Method by which linear systems are solved.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]

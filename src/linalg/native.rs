@@ -1,18 +1,18 @@
 //! Engine of one process: plain arrays and a sparse Cholesky factor.
 
-use super::batch::{Batches, Cell};
-use super::cells::CellForm;
 use super::cholesky;
-use super::double_double::DoubleDouble;
 use super::form::{self, Form};
-use super::layout::Layout;
-use super::singular_mass::SingularMassCells;
-use super::workspace::{Strips, Workspace};
 use super::{
     Cholesky, ElementMatrix, Engine, LinearCombination, MOST_SPOILT, RowCoupling, SingularMassCell, vectors,
 };
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
+use crate::kernels::batch::{Batches, Cell};
+use crate::kernels::cells::CellForm;
+use crate::kernels::double_double::DoubleDouble;
+use crate::kernels::layout::Layout;
+use crate::kernels::singular_mass::SingularMassCells;
+use crate::kernels::workspace::{Strips, Workspace};
 use crate::memory;
 use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use pulp::{Arch, Simd, WithSimd};

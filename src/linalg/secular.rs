@@ -317,7 +317,7 @@ fn sum(of: &[f64]) -> f64 {
 mod tests {
     use super::{Change, changed_eigen};
     use crate::linalg::eigen::symmetric_eigen;
-    use crate::linalg::random::random_vector;
+    use crate::random::random_vector;
     use faer::Mat;
 
     /// Compares the eigenpairs of D plus or minus z z^T with those of the eigenvalue solver.

@@ -3,8 +3,8 @@
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::eigen::symmetric_eigen;
-use crate::linalg::random::random_vector;
 use crate::linalg::{Engine, Form};
+use crate::random::random_vector;
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatRef, Par};
 use std::ops::Range;

@@ -14,8 +14,8 @@
 use super::{ModalBasis, ModeRange, lowest_basis};
 use crate::error::Result;
 use crate::hash::{self, LongHash};
-use crate::linalg::random::random_vector;
 use crate::linalg::{ElementMatrix, Engine, Form};
+use crate::random::random_vector;
 use faer::Mat;
 use std::collections::HashMap;
 use std::sync::{Arc, PoisonError, RwLock};

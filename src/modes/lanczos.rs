@@ -1,8 +1,8 @@
 //! Largest eigenvalue of an operator that is known only by its products.
 
 use crate::error::Result;
-use crate::linalg::random::random_vector;
 use crate::linalg::vectors::{axpy, dot};
+use crate::random::random_vector;
 use faer::{Mat, Side};
 
 /// Number of steps between computations of the eigenvalues of the tridiagonal matrix.

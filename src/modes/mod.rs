@@ -24,9 +24,9 @@ pub use kept::{BasisStore, KeptKind, KeptSize, keep_in};
 pub(crate) use kept_columns::KeptColumns;
 
 use crate::error::{Error, Result};
-use crate::linalg::random::random_vector;
 use crate::linalg::vectors::{aypx, hadamard};
 use crate::linalg::{Engine, Factor, Form, Native};
+use crate::random::random_vector;
 use basis::lowest_existing;
 use std::f64::consts::TAU;
 

@@ -1,6 +1,6 @@
 //! Dofs with bounds, and loops over the values that vectors have there.
 
-use crate::linalg::wide::widest;
+use crate::kernels::wide::widest;
 use pulp::Arch;
 use std::ops::{Deref, Range};
 

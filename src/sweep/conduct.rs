@@ -6,7 +6,7 @@ use super::plan::{PlannedRun, groups};
 use super::prepared_run::{CarriedState, Finished, Leader, PreparedRun};
 use super::report::SweepRow;
 use crate::error::{Error, Result};
-use crate::linalg::Lanes;
+use crate::kernels::Lanes;
 use crate::scene::{Scene, SweepSpec};
 use crate::simulation::{Model, condensed};
 use std::sync::atomic::{AtomicUsize, Ordering};

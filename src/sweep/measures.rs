@@ -1,8 +1,8 @@
 //! Measures of a periodically driven motion, from its steps; `docs/sweeps.md` defines each.
 
 use crate::energy::Energies;
-use crate::linalg::Lanes;
-use crate::linalg::wide::widest;
+use crate::kernels::Lanes;
+use crate::kernels::wide::widest;
 use pulp::Arch;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;

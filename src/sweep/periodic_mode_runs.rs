@@ -3,7 +3,8 @@
 use super::measures::{PeriodRecorder, TotalContact};
 use super::prepared_run::{ASK_EVERY, Finished, PreparedRun};
 use crate::error::{Error, Result};
-use crate::linalg::{Lanes, Native};
+use crate::kernels::Lanes;
+use crate::linalg::Native;
 use crate::scheme::{ModeRuns, Scheme};
 use crate::simulation::StepMonitor;
 

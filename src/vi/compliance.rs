@@ -19,7 +19,7 @@ pub mod yielding;
 use super::active_set::{BoundStatus, BoundValues, Exchange, Move, broken, exchange, fingerprint};
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::wide::widest;
+use crate::kernels::wide::widest;
 use active_factor::ActiveFactor;
 use faer::Mat;
 use pulp::Arch;

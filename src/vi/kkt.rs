@@ -23,8 +23,8 @@ mod rows;
 
 use crate::communicator::Communicator;
 use crate::error::Result;
+use crate::kernels::wide::widest;
 use crate::linalg::vectors::{is_zero, largest};
-use crate::linalg::wide::widest;
 use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
 use crate::obstacle::{Bounds, hertz_depth, hertz_force};
 use crate::vi::{Answer, Problem};

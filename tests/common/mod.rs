@@ -11,8 +11,8 @@ pub mod plates;
 pub mod ranks;
 pub mod scenes;
 
-use rebond::linalg::random::SplitMix64;
 use rebond::linalg::{ElementMatrix, Engine, Form, Native};
+use rebond::random::SplitMix64;
 use rebond::scheme::System;
 
 /// Random numbers, the same sequence on every machine.

@@ -15,7 +15,6 @@ use std::collections::{BTreeMap, BTreeSet};
 /// Parents that their children may import although they use their children.
 const HEADS: &[&str] = &[
     "field/mod.rs",
-    "linalg/mod.rs",
     "scheme/mod.rs",
     "scheme/newmark.rs",
     "study/accuracy/mod.rs",

@@ -3,7 +3,7 @@
 
 use crate::common::models::PAPER_FALL;
 use rebond::linalg::Engine;
-use rebond::linalg::random::SplitMix64;
+use rebond::random::SplitMix64;
 use rebond::scene::Scene;
 use rebond::scheme::{Newmark, NewmarkParameters};
 use rebond::simulation::Model;

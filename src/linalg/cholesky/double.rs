@@ -9,7 +9,7 @@
 //! each are multiplied.
 
 use super::supernodes::Supernode;
-use crate::linalg::double_double::DoubleDouble;
+use crate::kernels::double_double::DoubleDouble;
 use pulp::{Simd, WithSimd};
 
 /// Number of registers of rows whose products are summed at a time: sums that do not wait for each

@@ -13,8 +13,8 @@ mod size;
 mod solve;
 mod supernodes;
 
-use super::double_double::DoubleDouble;
 use crate::error::{Error, Result};
+use crate::kernels::double_double::DoubleDouble;
 use double::PanelFactorisation;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;

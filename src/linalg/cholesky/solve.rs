@@ -3,8 +3,8 @@
 use super::supernodes::Supernode;
 use super::{Cholesky, no_memory};
 use crate::error::Result;
+use crate::kernels::simd::{dot4, subtract4};
 use crate::linalg::Factor;
-use crate::linalg::simd::{dot4, subtract4};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::LltRef;
 use faer::{Conj, Mat, Par};

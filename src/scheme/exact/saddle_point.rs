@@ -2,9 +2,9 @@
 
 use super::velocity_basis::VelocityBasis;
 use crate::error::{Error, Result};
-use crate::linalg::random::golden_vector;
 use crate::linalg::vectors::subtract;
 use crate::linalg::{Engine, Factor};
+use crate::random::golden_vector;
 use crate::scheme::System;
 use faer::Mat;
 use faer::linalg::solvers::{Llt, Solve};

@@ -8,7 +8,7 @@
 use super::all_bounds::AllBounds;
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
-use crate::linalg::lanes::norm;
+use crate::kernels::lanes::norm;
 use crate::linalg::vectors::subtract;
 use crate::linalg::{Engine, MassModes};
 use crate::scheme::System;

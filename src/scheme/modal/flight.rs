@@ -9,8 +9,8 @@ use super::reach::{ROUNDING, Reach};
 use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::lanes::{dots, norm};
-use crate::linalg::wide::widest;
+use crate::kernels::lanes::{dots, norm};
+use crate::kernels::wide::widest;
 use pulp::Arch;
 
 /// Time after which a certificate is tried again, in steps.

@@ -10,8 +10,8 @@
 
 use super::limits::Limits;
 use super::rotation::Rotation;
-use crate::linalg::lanes::sum;
-use crate::linalg::wide::widest;
+use crate::kernels::lanes::sum;
+use crate::kernels::wide::widest;
 use pulp::Arch;
 use std::f64::consts::SQRT_2;
 

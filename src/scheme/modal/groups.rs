@@ -18,8 +18,8 @@
 
 use super::forecast::least;
 use super::limits::Limits;
-use crate::linalg::lanes::{LANES, dot, sum};
-use crate::linalg::wide::widest;
+use crate::kernels::lanes::{LANES, dot, sum};
+use crate::kernels::wide::widest;
 use faer::Mat;
 use pulp::Arch;
 
@@ -379,7 +379,7 @@ fn divide(shapes: &Mat<f64>, frequencies: &[f64], all: &mut [usize], found: &mut
 mod tests {
     use super::super::forecast::distance;
     use super::*;
-    use crate::linalg::lanes::{dots, norm};
+    use crate::kernels::lanes::{dots, norm};
 
     #[test]
     fn no_group_has_less_slack_than_its_bound_or_much_more() {

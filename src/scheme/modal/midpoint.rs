@@ -17,8 +17,8 @@ use super::ModalScheme;
 use super::data::ModalData;
 use super::state::kick;
 use crate::error::Result;
+use crate::kernels::lanes::dot;
 use crate::linalg::Engine;
-use crate::linalg::lanes::dot;
 use std::rc::Rc;
 
 impl<E: Engine> ModalScheme<'_, E> {

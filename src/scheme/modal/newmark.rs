@@ -29,8 +29,8 @@ use super::limits::Limits;
 use super::reach::{Check, Finding};
 use super::state::{State, kick};
 use crate::error::Result;
+use crate::kernels::lanes::{dot, norm};
 use crate::linalg::Engine;
-use crate::linalg::lanes::{dot, norm};
 use crate::linalg::vectors::axpy;
 use crate::scheme::Approach;
 

@@ -34,8 +34,8 @@ use super::limits::Limits;
 use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::lanes::{norm, sum};
-use crate::linalg::wide::widest;
+use crate::kernels::lanes::{norm, sum};
+use crate::kernels::wide::widest;
 use faer::Mat;
 use pulp::Arch;
 

@@ -7,8 +7,8 @@
 //! times a third of its size. Both are backward stable, and rounding errors add up: after many dofs
 //! have left, the factor is computed anew.
 
-use crate::linalg::lanes::dot;
-use crate::linalg::wide::widest;
+use crate::kernels::lanes::dot;
+use crate::kernels::wide::widest;
 use faer::Mat;
 use pulp::Arch;
 
@@ -156,7 +156,7 @@ fn forward(columns: &[Vec<f64>], values: &mut [f64]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linalg::random::SplitMix64;
+    use crate::random::SplitMix64;
 
     #[test]
     fn the_factor_solves_with_the_block_after_many_changes() {

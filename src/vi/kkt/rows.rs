@@ -1,8 +1,8 @@
 //! Rows of a matrix, with parts of their magnitudes that cost no product.
 
+use crate::kernels::wide::widest;
 use crate::linalg::RowCoupling;
 use crate::linalg::vectors::largest;
-use crate::linalg::wide::widest;
 use pulp::Arch;
 
 /// Returns the magnitude against which a row is measured: its own, or `floor` times its scale. A
@@ -65,7 +65,7 @@ impl RowTerms<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linalg::random::number;
+    use crate::random::number;
 
     /// The largest ratio is that of the rows one by one, and a NaN is found wherever it stands.
     #[test]

@@ -7,7 +7,7 @@
 //! system whose exchanges do not end soon is left to [`crate::vi::ComplianceSolver`], which always
 //! ends.
 
-use crate::linalg::{LaneMask, Lanes};
+use crate::kernels::{LaneMask, Lanes};
 use crate::vi::SIGN_ROUNDINGS;
 use faer::Mat;
 
@@ -147,7 +147,7 @@ impl<const N: usize> LaneContacts<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linalg::random::SplitMix64;
+    use crate::random::SplitMix64;
     use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver};
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::lane_contacts::ZERO;
 use super::lane_sums::ROWS;
-use crate::linalg::Lanes;
+use crate::kernels::Lanes;
 
 /// Equation of one coordinate.
 #[derive(Clone, Copy)]

@@ -5,7 +5,7 @@ use super::lane_levels::{Equations, LaneLevels, MasslessPart};
 use super::lane_runs::LaneRuns;
 use super::lane_sums::along;
 use crate::energy::Energies;
-use crate::linalg::Lanes;
+use crate::kernels::Lanes;
 
 /// Energies of all systems, in J.
 struct LaneEnergies {

@@ -3,8 +3,8 @@
 use super::lane_contacts::{LaneContacts, LaneReactions, ZERO};
 use super::lane_coordinates::{Coordinate, LaneCoordinates};
 use super::lane_sums::{all_along, work_along};
-use crate::linalg::wide::widest;
-use crate::linalg::{LaneMask, Lanes};
+use crate::kernels::wide::widest;
+use crate::kernels::{LaneMask, Lanes};
 use crate::scheme::NewmarkParameters;
 use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver, StepReport};
 use faer::Mat;

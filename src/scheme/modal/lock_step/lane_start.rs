@@ -2,7 +2,7 @@
 
 use super::lane_levels::MasslessPart;
 use super::shared_modes::SharedModes;
-use crate::linalg::Lanes;
+use crate::kernels::Lanes;
 use crate::linalg::vectors::{axpy, dot};
 use crate::scheme::Start;
 use crate::scheme::modal::data::{ModalData, ModalLoads};

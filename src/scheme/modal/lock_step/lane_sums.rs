@@ -1,7 +1,7 @@
 //! Sums over the coordinates of systems in lock step, each in a lane of the processor's registers.
 
 use super::lane_contacts::ZERO;
-use crate::linalg::Lanes;
+use crate::kernels::Lanes;
 
 /// Number of rows whose sums the registers hold at once. Sums side by side do not wait for each
 /// other.

@@ -2,7 +2,8 @@
 
 use super::lane_levels::each;
 use crate::error::Result;
-use crate::linalg::{Lanes, Native};
+use crate::kernels::Lanes;
+use crate::linalg::Native;
 use crate::scheme::{LoadTerm, System};
 use std::cell::RefCell;
 use std::collections::HashMap;

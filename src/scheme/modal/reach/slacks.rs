@@ -3,8 +3,8 @@
 use super::super::forecast::distance;
 use super::super::groups::Slacks;
 use super::{Check, Finding, Reach, Tier};
-use crate::linalg::lanes::{dot, dots};
-use crate::linalg::wide::widest;
+use crate::kernels::lanes::{dot, dots};
+use crate::kernels::wide::widest;
 
 impl Reach {
     /// Computes bounds of the slacks of the groups of a tier over its horizon.

@@ -12,14 +12,14 @@ use pulp::Simd;
 
 /// [`Bending`] of eight cells.
 #[derive(Debug, Clone)]
-pub(super) enum Strains {
+pub(crate) enum Strains {
     Triangles(Cells<2>),
     Quadrilaterals(Cells<3>),
 }
 
 /// [`Bending`] of eight cells with so many nodes after the first.
 #[derive(Debug, Clone)]
-pub(super) struct Cells<const NODES: usize> {
+pub(crate) struct Cells<const NODES: usize> {
     arms: [[Lanes; 2]; NODES],
     root: Root,
 }
@@ -227,7 +227,7 @@ fn add_transposed_product<S: Simd, E: Entry>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::linalg::random::number;
+    use crate::random::number;
     use pulp::{Arch, WithSimd};
 
     struct Product<'a>(&'a Strains, &'a [Lanes], &'a mut [Lanes]);

@@ -9,7 +9,7 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// Sources: T. J. Dekker, *A floating-point technique for extending the available precision*, 1971;
 /// D. E. Knuth, *The Art of Computer Programming 2*, section 4.2.2.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct DoubleDouble {
+pub(crate) struct DoubleDouble {
     high: f64,
     low: f64,
 }

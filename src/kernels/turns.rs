@@ -11,7 +11,7 @@ use std::ops::Range;
 
 /// Part of a product.
 #[derive(Debug)]
-pub(super) enum Turn {
+pub(crate) enum Turn {
     /// A strip of the operand enters the work space.
     Enter(Slot),
     /// Some batches are multiplied.
@@ -22,7 +22,7 @@ pub(super) enum Turn {
 
 /// Part of the work space that a strip has for some turns.
 #[derive(Debug, Clone)]
-pub(super) struct Slot {
+pub(crate) struct Slot {
     /// Number of the strip.
     pub strip: usize,
     start: usize,
@@ -47,7 +47,7 @@ impl Slot {
 
 /// Turns of the products with some batches.
 #[derive(Debug)]
-pub(super) struct Turns {
+pub(crate) struct Turns {
     pub list: Vec<Turn>,
     /// Number of places in the work space.
     pub size: usize,

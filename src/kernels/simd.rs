@@ -7,7 +7,7 @@ use pulp::Simd;
 
 /// Computes y -= a_0 x_0 + a_1 x_1 + a_2 x_2 + a_3 x_3; the columns are at least as long as y.
 #[inline(always)]
-pub(super) fn subtract4<S: Simd>(simd: S, a: [&[f64]; 4], x: &[f64], y: &mut [f64]) {
+pub(crate) fn subtract4<S: Simd>(simd: S, a: [&[f64]; 4], x: &[f64], y: &mut [f64]) {
     let (a0, t0) = S::as_simd_f64s(&a[0][..y.len()]);
     let (a1, t1) = S::as_simd_f64s(&a[1][..y.len()]);
     let (a2, t2) = S::as_simd_f64s(&a[2][..y.len()]);
@@ -29,7 +29,7 @@ pub(super) fn subtract4<S: Simd>(simd: S, a: [&[f64]; 4], x: &[f64], y: &mut [f6
 
 /// Returns the scalar products of four columns with y; the columns are at least as long as y.
 #[inline(always)]
-pub(super) fn dot4<S: Simd>(simd: S, a: [&[f64]; 4], y: &[f64]) -> [f64; 4] {
+pub(crate) fn dot4<S: Simd>(simd: S, a: [&[f64]; 4], y: &[f64]) -> [f64; 4] {
     let (a0, t0) = S::as_simd_f64s(&a[0][..y.len()]);
     let (a1, t1) = S::as_simd_f64s(&a[1][..y.len()]);
     let (a2, t2) = S::as_simd_f64s(&a[2][..y.len()]);

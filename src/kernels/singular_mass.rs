@@ -12,7 +12,7 @@ use std::rc::Rc;
 
 /// Rows of B of eight cells, with one entry per local dof, and the inverses of their entries of C.
 #[derive(Debug, Clone)]
-pub(super) struct MassPanel {
+pub(crate) struct MassPanel {
     row: Vec<Lanes>,
     inverse: Lanes,
 }
@@ -98,7 +98,7 @@ pub struct SingularMassCells {
 
 impl SingularMassCells {
     /// Collects the rows of B and the diagonal of C, given the batches of the cells.
-    pub(super) fn new(batches: Rc<Batches>, rows: impl Into<Rc<[SingularMassCell]>>) -> SingularMassCells {
+    pub(crate) fn new(batches: Rc<Batches>, rows: impl Into<Rc<[SingularMassCell]>>) -> SingularMassCells {
         let rows = rows.into();
         let panels = batches.panels().iter().map(|cells| MassPanel::new(cells.map(|cell| &rows[cell])));
         let panels = panels.collect();
@@ -107,13 +107,13 @@ impl SingularMassCells {
     }
 
     /// Returns the batches of the cells.
-    pub(super) fn batches(&self) -> &Rc<Batches> {
+    pub(crate) fn batches(&self) -> &Rc<Batches> {
         &self.batches
     }
 
     /// Returns the rows of B of a batch.
     #[inline(always)]
-    pub(super) fn panel(&self, batch: &Batch) -> &MassPanel {
+    pub(crate) fn panel(&self, batch: &Batch) -> &MassPanel {
         &self.panels[batch.panel]
     }
 
@@ -134,7 +134,7 @@ impl SingularMassCells {
 
     /// Sets y, if it is wanted, to M x and returns x^T M x.
     #[inline(always)]
-    pub(super) fn multiply<S: Simd>(
+    pub(crate) fn multiply<S: Simd>(
         &self,
         simd: S,
         layout: &Layout,
@@ -169,7 +169,7 @@ impl SingularMassCells {
 
     /// Computes V = C^-1 B x.
     #[inline(always)]
-    pub(super) fn project<S: Simd>(
+    pub(crate) fn project<S: Simd>(
         &self,
         simd: S,
         layout: &Layout,
@@ -200,7 +200,7 @@ impl SingularMassCells {
 
     /// Computes y = B^T V.
     #[inline(always)]
-    pub(super) fn project_transpose<S: Simd>(
+    pub(crate) fn project_transpose<S: Simd>(
         &self,
         simd: S,
         layout: &Layout,
@@ -226,7 +226,7 @@ impl SingularMassCells {
     }
 
     /// Returns V^T C V, twice the kinetic energy.
-    pub(super) fn mass_norm_squared(&self, v: &[f64]) -> f64 {
+    pub(crate) fn mass_norm_squared(&self, v: &[f64]) -> f64 {
         self.masses.iter().zip(v).map(|(c, v)| c * v * v).sum()
     }
 }

@@ -16,7 +16,7 @@ use std::rc::Rc;
 
 /// Local matrices of eight cells.
 #[derive(Debug, Clone)]
-pub(super) struct Panel {
+pub(crate) struct Panel {
     matrix: Vec<Lanes>,
     /// Factored representation that is applied instead of the matrix, if there is one.
     strains: Option<Strains>,
@@ -173,7 +173,7 @@ pub struct CellForm {
 
 impl CellForm {
     /// Collects the cells' local matrices, given the batches of the cells.
-    pub(super) fn new(batches: Rc<Batches>, blocks: impl Into<Rc<[ElementMatrix]>>) -> CellForm {
+    pub(crate) fn new(batches: Rc<Batches>, blocks: impl Into<Rc<[ElementMatrix]>>) -> CellForm {
         let blocks = blocks.into();
         let panels = batches.panels().iter().map(|cells| Panel::new(cells.map(|cell| &blocks[cell])));
         let panels = panels.collect();
@@ -181,13 +181,13 @@ impl CellForm {
     }
 
     /// Returns the batches of the cells.
-    pub(super) fn batches(&self) -> &Rc<Batches> {
+    pub(crate) fn batches(&self) -> &Rc<Batches> {
         &self.batches
     }
 
     /// Returns the local matrices of a batch.
     #[inline(always)]
-    pub(super) fn panel(&self, batch: &Batch) -> &Panel {
+    pub(crate) fn panel(&self, batch: &Batch) -> &Panel {
         &self.panels[batch.panel]
     }
 
@@ -198,7 +198,7 @@ impl CellForm {
 
     /// Sets y, if it is wanted, to A x and returns x^T A x.
     #[inline(always)]
-    pub(super) fn multiply<S: Simd>(
+    pub(crate) fn multiply<S: Simd>(
         &self,
         simd: S,
         layout: &Layout,

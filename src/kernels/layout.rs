@@ -205,42 +205,42 @@ impl Layout {
     }
 
     /// Returns the positions of each strip.
-    pub(super) fn strips(&self) -> impl ExactSizeIterator<Item = Range<u32>> {
+    pub(crate) fn strips(&self) -> impl ExactSizeIterator<Item = Range<u32>> {
         self.strips.iter().map(|strip| strip.positions.clone())
     }
 
     /// Returns whether two positions belong to one strip.
-    pub(super) fn are_in_one_strip(&self, first: u32, second: u32) -> bool {
+    pub(crate) fn are_in_one_strip(&self, first: u32, second: u32) -> bool {
         let positions = &self.strips[self.strip_of(first)].positions;
         positions.contains(&first) && positions.contains(&second)
     }
 
     /// Returns the number of the strip that has a position, or of the last one if none has.
-    pub(super) fn strip_of(&self, place: u32) -> usize {
+    pub(crate) fn strip_of(&self, place: u32) -> usize {
         let number = self.strips.partition_point(|strip| strip.positions.end <= place);
         number.min(self.strips.len() - 1)
     }
 
     /// Returns the first of the free positions, one per lane, that lanes without a dof use.
-    pub(super) fn nowhere(&self) -> u32 {
+    pub(crate) fn nowhere(&self) -> u32 {
         self.taken.len() as u32
     }
 
     /// Returns whether no dof has the position.
-    pub(super) fn is_free(&self, place: u32) -> bool {
+    pub(crate) fn is_free(&self, place: u32) -> bool {
         self.taken.get(place as usize).is_none_or(|taken| !taken)
     }
 
     /// Returns the position of each dof of a cell in the laid-out vectors; `None` for a constrained
     /// dof.
-    pub(super) fn places_of(&self, dofs: &[Option<usize>]) -> impl Iterator<Item = Option<u32>> {
+    pub(crate) fn places_of(&self, dofs: &[Option<usize>]) -> impl Iterator<Item = Option<u32>> {
         dofs.iter().map(|dof| dof.map(|dof| self.places[dof]))
     }
 
     /// Copies the dofs of a strip from x into its slot of a work space, with zero at places without
     /// a dof.
     #[inline(always)]
-    pub(super) fn lay_out<S: Simd>(&self, _: S, slot: &Slot, x: &[f64], laid: &mut [f64]) {
+    pub(crate) fn lay_out<S: Simd>(&self, _: S, slot: &Slot, x: &[f64], laid: &mut [f64]) {
         let laid = &mut laid[slot.places()];
         let Strip { lines, runs, others, .. } = &self.strips[slot.strip];
         for line in lines {
@@ -269,7 +269,7 @@ impl Layout {
 
     /// Moves the dofs of a strip from its slot to x, or adds them there, and leaves zeros.
     #[inline(always)]
-    pub(super) fn take<S: Simd, const ADDS: bool>(&self, _: S, slot: &Slot, laid: &mut [f64], x: &mut [f64]) {
+    pub(crate) fn take<S: Simd, const ADDS: bool>(&self, _: S, slot: &Slot, laid: &mut [f64], x: &mut [f64]) {
         let laid = &mut laid[slot.places()];
         let Strip { lines, runs, others, .. } = &self.strips[slot.strip];
         for line in lines {

@@ -10,14 +10,14 @@ use pulp::Simd;
 /// Strips of vectors in layout order, where [`super::turns`] have their slots, and scratch space
 /// for the local vectors of the cells.
 #[derive(Debug, Default)]
-pub(super) struct Workspace {
+pub(crate) struct Workspace {
     x: Vec<f64>,
     sums: [Vec<f64>; 2],
     scratch: Scratch,
 }
 
 /// The operand x of a product and up to two sums y and z. Between products the sums are zero.
-pub(super) struct Strips<'a> {
+pub(crate) struct Strips<'a> {
     pub x: &'a mut [f64],
     pub y: &'a mut [f64],
     pub z: &'a mut [f64],

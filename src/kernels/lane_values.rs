@@ -4,7 +4,7 @@ use pulp::Simd;
 use std::ops::{Add, AddAssign, Div, Mul, Sub};
 
 /// Number of lanes, and of the cells of a batch.
-pub(super) const LANES: usize = 8;
+pub(crate) const LANES: usize = 8;
 
 /// One number for each cell of a batch, or for each of several systems.
 ///
@@ -20,7 +20,7 @@ impl Lanes {
 
     /// Loads eight consecutive numbers of a vector in layout order.
     #[inline(always)]
-    pub(super) fn at(x: &[f64], place: u32) -> Lanes {
+    pub(crate) fn at(x: &[f64], place: u32) -> Lanes {
         let mut lanes = [0.0; LANES];
         lanes.copy_from_slice(&x[place as usize..][..LANES]);
         Lanes(lanes)
@@ -35,13 +35,13 @@ impl Lanes {
 
     /// Returns the numbers of one vector register.
     #[inline(always)]
-    pub(super) fn register<S: Simd>(&self, part: usize) -> S::f64s {
+    pub(crate) fn register<S: Simd>(&self, part: usize) -> S::f64s {
         S::as_simd_f64s(&self.0).0[part]
     }
 
     /// Returns the numbers of one vector register.
     #[inline(always)]
-    pub(super) fn register_mut<S: Simd>(&mut self, part: usize) -> &mut S::f64s {
+    pub(crate) fn register_mut<S: Simd>(&mut self, part: usize) -> &mut S::f64s {
         &mut S::as_mut_simd_f64s(&mut self.0).0[part]
     }
 
@@ -78,7 +78,7 @@ impl Lanes {
     /// Returns the numbers moved up by one lane, with 0 in the first, given the mask of the first
     /// lane of a register.
     #[inline(always)]
-    pub(super) fn moved_up<S: Simd>(&self, simd: S, first: S::m64s) -> Lanes {
+    pub(crate) fn moved_up<S: Simd>(&self, simd: S, first: S::m64s) -> Lanes {
         let mut moved = Lanes::default();
         if S::F64_LANES == LANES {
             let turned = simd.rotate_right_f64s(self.register::<S>(0), 1);
@@ -115,7 +115,7 @@ impl Lanes {
 }
 
 /// Interleaves the values of eight cells, one cell per lane.
-pub(super) fn interleave(values: &[&[f64]; LANES]) -> Vec<Lanes> {
+pub(crate) fn interleave(values: &[&[f64]; LANES]) -> Vec<Lanes> {
     let mut panel = vec![Lanes::default(); values[0].len()];
     for (lane, values) in values.iter().enumerate() {
         for (slot, value) in panel.iter_mut().zip(*values) {
@@ -127,14 +127,14 @@ pub(super) fn interleave(values: &[&[f64]; LANES]) -> Vec<Lanes> {
 
 /// Returns the dofs of a node, for those cells that a register holds.
 #[inline(always)]
-pub(super) fn dofs<S: Simd>(local: &[Lanes], node: usize, k: usize) -> [S::f64s; 3] {
+pub(crate) fn dofs<S: Simd>(local: &[Lanes], node: usize, k: usize) -> [S::f64s; 3] {
     let [w, w_x, w_y] = [&local[3 * node], &local[3 * node + 1], &local[3 * node + 2]];
     [w.register::<S>(k), w_x.register::<S>(k), w_y.register::<S>(k)]
 }
 
 /// Stores the forces on a node, for those cells that a register holds.
 #[inline(always)]
-pub(super) fn store<S: Simd>(force: [S::f64s; 3], result: &mut [Lanes], node: usize, k: usize) {
+pub(crate) fn store<S: Simd>(force: [S::f64s; 3], result: &mut [Lanes], node: usize, k: usize) {
     for (dof, force) in force.into_iter().enumerate() {
         *result[3 * node + dof].register_mut::<S>(k) = force;
     }

@@ -4,12 +4,12 @@ use super::lane_values::Lanes;
 
 /// Scratch space for the local vectors of one batch.
 #[derive(Debug, Default)]
-pub(super) struct Scratch {
+pub(crate) struct Scratch {
     lanes: Vec<Lanes>,
 }
 
 /// Scratch vectors beside the cells' own dofs.
-pub(super) struct Room<'a> {
+pub(crate) struct Room<'a> {
     pub work: &'a mut [Lanes],
     pub result: &'a mut [Lanes],
     pub y: &'a mut [Lanes],

@@ -12,14 +12,14 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 /// Cell of a form: its free dofs and its class. Cells of one class have the same local values.
-pub(super) type Cell = (Rc<[Option<usize>]>, usize);
+pub(crate) type Cell = (Rc<[Option<usize>]>, usize);
 
 /// Smallest number of cells for which a row is worth its unused lanes.
 const LEAST_ROW: usize = 2;
 
 /// Eight cells with equally many local dofs.
 #[derive(Debug)]
-pub(super) struct Batch {
+pub(crate) struct Batch {
     /// Number of the cell in each lane; the number of all cells where there is none.
     pub cells: [u32; LANES],
     /// Index of the batch's entry in [`Batches::panels`]: the panel of each form with the local
@@ -205,7 +205,7 @@ impl<'a> Row<'a> {
 
 /// All cells of a form in batches, shared by forms over the same cells.
 #[derive(Debug)]
-pub(super) struct Batches {
+pub(crate) struct Batches {
     cells: Vec<Cell>,
     /// Batches of eight cells.
     pub list: Vec<Batch>,
