@@ -15,7 +15,7 @@ holds() {
     for part; do grep -qF -- "$part" "$page" || fail "$page has no $part"; done
 }
 holds scheme/newmark/index.html 'language-math' '\frac{' '\tfrac{' '\Bigl(' '\,(' 'katex.min.js'
-holds scheme/potential/index.html 'language-math' '\tfrac12' '\{' '\;' 'katex.min.js'
+holds scheme/massless/potential/index.html 'language-math' '\tfrac12' '\{' '\;' 'katex.min.js'
 if grep -rnE '^ *//[/!].*\\[][()]' src; then
     fail 'write displays as fences of the language "math" and inline formulas as code between dollar signs'
 fi

@@ -46,7 +46,7 @@
 //! | section 3: reduced HCT and FVS elements | [`element::hct`], [`element::fvs`] |
 //! | section 3: admissible deflections `$K^h$`, matrix G | [`obstacle::Bounds`] |
 //! | section 3: singular mass `$M = B^T C^{-1} B$` | [`linalg::SingularMassCell`] |
-//! | equation (5): semi-discrete problem | [`scheme::System`], [`scheme::potential`] |
+//! | equation (5): semi-discrete problem | [`scheme::System`], [`scheme::massless::potential`] |
 //! | section 3: inf-sup condition | [`study::infsup`] |
 //! | section 4.1: Newmark-e-beta scheme | [`scheme::newmark`] |
 //! | section 4.2, equation (6): midpoint scheme | [`scheme::midpoint`] |
@@ -114,6 +114,7 @@ pub mod obstacle;
 pub mod vi;
 pub mod energy;
 pub mod scheme;
+pub mod lock_step;
 pub mod scene;
 pub mod simulation;
 pub mod output;

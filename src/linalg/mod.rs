@@ -19,12 +19,10 @@
 mod bending;
 mod cholesky;
 mod combination;
-pub(crate) mod decoupling;
 pub(crate) mod eigen;
 mod form;
 pub mod modal;
 mod native;
-pub(crate) mod secular;
 pub mod vectors;
 
 pub use crate::kernels::{

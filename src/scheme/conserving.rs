@@ -130,8 +130,8 @@
 //!   U(p).
 
 use super::drive::InstantData;
+use super::massless::potential::Line;
 use super::midpoint::MidpointRule;
-use super::potential::Line;
 use super::relaxation::{RelaxedStep, SAME_TIME, root};
 use super::state::{State, SupportVelocities, change_frame};
 use super::{Approach, Potential, Scheme, Start, StepBalance, StepRecord, System};

@@ -30,10 +30,10 @@ mod drive;
 pub mod equilibrium;
 pub mod exact;
 mod feedback;
+pub mod massless;
 pub mod midpoint;
 pub mod modal;
 pub mod newmark;
-pub mod potential;
 pub mod registry;
 mod relaxation;
 mod state;
@@ -43,12 +43,12 @@ pub use balance::StepBalance;
 pub use conserving::{Conserving, RelaxationStatistics};
 pub use drive::{BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, SupportMotion, TimeDependence};
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
-pub use exact::contact_compliance::ContactCompliance;
 pub use exact::{Exact, ExactOptions};
+pub use massless::contact_compliance::ContactCompliance;
+pub use massless::potential::Potential;
 pub use midpoint::{Massless, Midpoint};
-pub use modal::{ModalScheme, ModeLane, ModeRuns, SharedModes};
+pub use modal::ModalScheme;
 pub use newmark::{Newmark, NewmarkParameters};
-pub use potential::Potential;
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};
 
 use crate::archive::{Archive, Numbers, VectorKind};
@@ -99,7 +99,7 @@ impl<E: Engine> System<E> {
 
     /// Returns the decay rates of the modes of a modal mass, in 1/s: those of Rayleigh damping, and
     /// of single modes that are no rigid motions.
-    fn decay_rates(&self, modes: &MassModes) -> Vec<f64> {
+    pub(crate) fn decay_rates(&self, modes: &MassModes) -> Vec<f64> {
         let Damping { mass, stiffness } = self.damping;
         let mut rates: Vec<f64> = modes.squares.iter().map(|square| mass + stiffness * square).collect();
         if let Some(modal) = &self.drive.modal {
@@ -175,7 +175,7 @@ impl<E: Engine> System<E> {
 
     /// Returns the kinetic energy of a rate of displacement (m/s), in J; `v` is work space with one
     /// entry per velocity dof.
-    fn kinetic_energy(&self, rate: &[f64], v: &mut [f64]) -> Result<f64> {
+    pub(crate) fn kinetic_energy(&self, rate: &[f64], v: &mut [f64]) -> Result<f64> {
         self.engine.project(&self.mass, rate, v)?;
         Ok(0.5 * self.engine.mass_norm_squared(&self.mass, v)?)
     }
@@ -322,7 +322,7 @@ pub struct StepRecord {
 }
 
 impl StepRecord {
-    fn new(dt: f64, bounds: usize) -> StepRecord {
+    pub(crate) fn new(dt: f64, bounds: usize) -> StepRecord {
         let zeros = vec![0.0; bounds];
         StepRecord {
             step: 0,

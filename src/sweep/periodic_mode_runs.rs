@@ -5,7 +5,8 @@ use super::prepared_run::{ASK_EVERY, Finished, PreparedRun};
 use crate::error::{Error, Result};
 use crate::kernels::Lanes;
 use crate::linalg::Native;
-use crate::scheme::{ModeRuns, Scheme};
+use crate::lock_step::ModeRuns;
+use crate::scheme::Scheme;
 use crate::simulation::StepMonitor;
 
 /// Runs in lock step in modes, on their way. They are recorded together, and each is looked at by

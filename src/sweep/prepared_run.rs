@@ -7,8 +7,9 @@ use crate::distributed::Distributed;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native};
+use crate::lock_step::SharedModes;
 use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
-use crate::scheme::{NewmarkParameters, Scheme, SharedModes, Start};
+use crate::scheme::{NewmarkParameters, Scheme, Start};
 #[cfg(feature = "petsc")]
 use crate::simulation::SolverFactory;
 use crate::simulation::{Model, StepMonitor};

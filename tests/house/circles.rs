@@ -13,13 +13,8 @@ use super::{Source, sources};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Parents that their children may import although they use their children.
-const HEADS: &[&str] = &[
-    "field/mod.rs",
-    "scheme/mod.rs",
-    "scheme/newmark.rs",
-    "study/accuracy/mod.rs",
-    "vi/mod.rs",
-];
+const HEADS: &[&str] =
+    &["field/mod.rs", "scheme/mod.rs", "scheme/newmark.rs", "study/accuracy/mod.rs", "vi/mod.rs"];
 
 /// Names along a path, such as `["crate", "mesh", "Mesh"]`; those of a module lead from the root.
 type Names = Vec<String>;

@@ -71,11 +71,10 @@
 //! loads or obstacles are not supported: loads would need their particular solution for each mode.
 
 mod cache;
-pub(super) mod contact_compliance;
+mod decoupling;
 mod energies;
 mod event_detection;
 mod event_resolution;
-pub(super) mod modal_saddle_point;
 mod modes;
 mod motion;
 mod options;
@@ -83,12 +82,14 @@ mod reach;
 pub(super) mod reduction;
 mod residual;
 pub(super) mod responses;
-pub(super) mod saddle_point;
+mod secular;
 mod spectrum;
 mod start;
 mod stepping;
-mod velocity_basis;
 
+use super::massless::modal_saddle_point::ModalSaddlePoint;
+use super::massless::saddle_point::{CellSaddlePoint, SaddlePointSolver};
+use super::massless::velocity_basis::VelocityBasis;
 use super::{Approach, Event, EventStatistics, Start, StepRecord, System};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form};
@@ -97,17 +98,14 @@ use crate::vi::kkt::KktCheck;
 use cache::Cache;
 use event_detection::EventSearch;
 use faer::Mat;
-use modal_saddle_point::ModalSaddlePoint;
 use motion::ModalSolution;
 use options::require_memory;
 pub use options::{ExactOptions, estimated_memory, expected_candidates};
 use reach::Reach;
 use reduction::ReducedModel;
-use saddle_point::{CellSaddlePoint, SaddlePointSolver};
 use start::{check_rigid, first_sides};
 use std::cell::OnceCell;
 use std::rc::Rc;
-use velocity_basis::VelocityBasis;
 
 /// Event-driven scheme at instant n of the time grid.
 pub struct Exact<'s, E: Engine> {

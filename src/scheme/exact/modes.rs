@@ -7,7 +7,7 @@
 //! nothing touches modes that have rates of their own.
 //!
 //! Otherwise contact couples the modes by the matrix `$V^T D V$`. The elastic ones then are
-//! those of the page [`decoupling`](crate::linalg::decoupling): with the equilibrium
+//! those of the page [`decoupling`](super::decoupling): with the equilibrium
 //! `$q_s = W^{-2} V^T h$`,
 //!
 //! ```math
@@ -17,11 +17,11 @@
 //! A rigid motion of a set moves no node in contact and has no part along the elastic modes of the
 //! structure, so that nothing couples it.
 
+use super::decoupling::Decoupling;
 use super::reduction::ReducedModel;
 use super::spectrum::{Held, Spectrum};
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::decoupling::Decoupling;
 use crate::scheme::System;
 use crate::vi::BoundStatus;
 use faer::Mat;

@@ -11,12 +11,12 @@
 //! Both are linear in (f, z), and the operator is symmetric: `$U = U_F + R z + S G^T r$`,
 //! `$a = h_F - H z + R^T G^T r$`.
 
-use super::saddle_point::{SaddlePointSolver, symmetric};
-use super::velocity_basis::VelocityBasis;
 use crate::error::Result;
 use crate::linalg::{Engine, Form};
 use crate::obstacle::Bounds;
 use crate::scheme::System;
+use crate::scheme::massless::saddle_point::{SaddlePointSolver, symmetric};
+use crate::scheme::massless::velocity_basis::VelocityBasis;
 use faer::{Mat, Side as Triangle};
 use std::rc::Rc;
 

@@ -52,14 +52,14 @@
 //! ```
 //!
 //! so that the eigenvectors of one set follow from those of the other by a secular equation
-//! ([`crate::linalg::secular`]), at a fraction of the cost of the eigenproblem. Each change adds
+//! ([`super::secular`]), at a fraction of the cost of the eigenproblem. Each change adds
 //! the rounding of the largest eigenvalue, as the eigenproblem does; after a number of changes in
 //! succession an eigenproblem starts anew, and without contact the eigenvectors are unit vectors.
 
 use super::reduction::ReducedModel;
+use super::secular::{Change, changed_eigen};
 use crate::error::{Error, Result};
 use crate::linalg::eigen::symmetric_eigen;
-use crate::linalg::secular::{Change, changed_eigen};
 use crate::linalg::{Engine, Form};
 use crate::scheme::System;
 use crate::vi::BoundStatus;

@@ -17,7 +17,7 @@ use faer::Mat;
 
 /// Bounds of all ranks; see the [module page](self).
 #[derive(Debug)]
-pub(super) struct AllBounds {
+pub(crate) struct AllBounds {
     /// Number of bounds of all ranks.
     count: usize,
     /// Indices of this rank's bounded dofs.

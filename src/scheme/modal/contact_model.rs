@@ -5,9 +5,9 @@ use super::limits::Limits;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::hertz_depth;
-use crate::scheme::exact::contact_compliance::ContactCompliance;
-use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
 use crate::scheme::exact::reduction::remains;
+use crate::scheme::massless::contact_compliance::ContactCompliance;
+use crate::scheme::massless::modal_saddle_point::ModalSaddlePoint;
 use crate::vi::{ComplianceProblem, ComplianceSolver};
 use faer::Mat;
 use std::rc::Rc;
@@ -15,7 +15,7 @@ use std::rc::Rc;
 /// Candidates for contact and the displacements that their reactions cause. All but those
 /// displacements are the same on every rank.
 #[derive(Debug)]
-pub(super) struct ContactModel {
+pub(crate) struct ContactModel {
     /// Numbers of the candidates among all bounds, ascending.
     pub candidates: Vec<usize>,
     /// Position in `candidates`, and index among this rank's bounds, of each candidate that this
@@ -38,7 +38,7 @@ pub(super) struct ContactModel {
 
 /// Mode shapes at all bounds, and the order in which values at them are kept.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct BoundRows<'a> {
+pub(crate) struct BoundRows<'a> {
     /// Mode shapes, one column per bound.
     pub shapes: &'a Mat<f64>,
     /// Place of each bound in an order in which neighbours are together, and the number of places.
@@ -176,7 +176,7 @@ impl ContactModel {
 
 /// Returns a contact solver for the candidates of a model. Those that are not among the `old` ones
 /// begin without contact.
-pub(super) fn extended(solver: &ComplianceSolver, model: &ContactModel, old: &[usize]) -> ComplianceSolver {
+pub(crate) fn extended(solver: &ComplianceSolver, model: &ContactModel, old: &[usize]) -> ComplianceSolver {
     let candidates = &model.candidates;
     let mut more = ComplianceSolver::new(candidates.len());
     if !model.hertz.is_empty() {

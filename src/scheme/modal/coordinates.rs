@@ -18,7 +18,7 @@ use std::cell::Cell;
 const SAME: f64 = 1e-12;
 
 /// Modal coordinates in an archive; see the [module page](self).
-pub(super) struct Coordinates<'a, E: Engine> {
+pub(crate) struct Coordinates<'a, E: Engine> {
     system: &'a System<E>,
     modes: &'a MassModes,
     all: &'a AllBounds,

@@ -13,13 +13,13 @@ use crate::error::Result;
 use crate::linalg::vectors::{add, axpy, dot};
 use crate::linalg::{Engine, MassModes};
 use crate::scheme::System;
-use crate::scheme::exact::modal_saddle_point::{ModalSaddlePoint, summed};
+use crate::scheme::massless::modal_saddle_point::{ModalSaddlePoint, summed};
 use faer::Mat;
 use std::rc::Rc;
 
 /// Loads of fixed distribution in modal coordinates: the constant load first, at the factor 1, then
 /// the terms in time, then the springs that moving supports stretch.
-pub(super) struct ModalLoads {
+pub(crate) struct ModalLoads {
     /// Modal forces h, one column per load with one entry per mode, in N per root of kg.
     pub forces: Mat<f64>,
     /// Shifts G W of the bounded deflections, one column per load, in m.
@@ -37,7 +37,7 @@ pub(super) struct ModalLoads {
 
 /// Data of an instant.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
-pub(super) struct ModalData {
+pub(crate) struct ModalData {
     /// Factors of the loads.
     pub factors: Vec<f64>,
     /// Modal force h, in N per root of kg, one entry per mode.

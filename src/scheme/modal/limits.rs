@@ -2,7 +2,7 @@
 
 /// Deflections of bounded dofs from the loads alone, and their bounds.
 #[derive(Debug, Clone, Default, serde::Serialize, serde::Deserialize)]
-pub(super) struct Limits {
+pub(crate) struct Limits {
     /// Deflections by the response to the loads, in m.
     pub shift: Vec<f64>,
     /// Bounds, in m, relative to the supports.
@@ -37,7 +37,7 @@ impl Limits {
 }
 
 /// Sets values to those at the fraction `share` of the way from one instant to another.
-pub(super) fn mix(own: &mut [f64], from: &[f64], to: &[f64], share: f64) {
+pub(crate) fn mix(own: &mut [f64], from: &[f64], to: &[f64], share: f64) {
     for (own, (from, to)) in own.iter_mut().zip(from.iter().zip(to)) {
         // Absent obstacles have infinite bounds.
         *own = if from.is_finite() { from + share * (to - from) } else { *from };

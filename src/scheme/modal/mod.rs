@@ -51,20 +51,19 @@
 //! energies are those of the state at or just after it. Impulses, mean reactions and the bounded
 //! configuration, which is linear between the two states, are those of [`super::conserving`].
 
-mod all_bounds;
+pub(crate) mod all_bounds;
 mod balance;
 mod candidates;
 mod checkpoint;
-mod contact_model;
+pub(crate) mod contact_model;
 mod coordinates;
-mod data;
+pub(crate) mod data;
 mod flight;
 mod forecast;
 mod groups;
 mod implicit;
 mod increments;
 mod limits;
-mod lock_step;
 mod mean_balance;
 mod midpoint;
 mod newmark;
@@ -76,9 +75,7 @@ mod shown;
 mod state;
 mod stepping;
 
-pub use lock_step::{ModeLane, ModeRuns, SharedModes};
-
-use super::exact::modal_saddle_point::ModalSaddlePoint;
+use super::massless::modal_saddle_point::ModalSaddlePoint;
 use super::{Approach, NewmarkParameters, RelaxationStatistics, Start, StepRecord, System};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};

@@ -1,8 +1,8 @@
 //! Compliance of the massless rest in contact.
 
-use super::reduction::remains;
 use crate::error::{Error, Result};
 use crate::linalg::eigen::symmetric_eigen;
+use crate::scheme::exact::reduction::remains;
 use faer::{Mat, Side};
 use std::f64::consts::TAU;
 

@@ -23,8 +23,9 @@
 //! has no more than cells. Each lane of the registers of the processor computes for one system.
 //!
 //! The modal mass and a mass of cells differ in their massless part. That of the modal mass follows
-//! the loads at once, has no damping and starts in equilibrium (see [`super::newmark`]). With a
-//! mass of cells it obeys the scheme like all else, and Rayleigh damping acts on it.
+//! the loads at once, has no damping and starts in equilibrium (see
+//! [`ModalScheme`](crate::scheme::ModalScheme)). With a mass of cells it obeys the scheme like all
+//! else, and Rayleigh damping acts on it.
 
 mod lane_contacts;
 mod lane_coordinates;

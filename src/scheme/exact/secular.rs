@@ -24,7 +24,7 @@
 //! and Eisenstat, SIAM J. Matrix Anal. Appl. 15, 1994). Components `$z_i$` that vanish leave their
 //! eigenpair unchanged, and of two equal `$d_i$` a rotation makes one component vanish.
 
-use super::vectors::dot;
+use crate::linalg::vectors::dot;
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 

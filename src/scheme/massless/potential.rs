@@ -52,10 +52,6 @@
 
 mod rate;
 
-use super::drive::InstantData;
-use super::midpoint::MidpointRule;
-use super::state::{State, SupportVelocities};
-use super::{StepBalance, System};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -63,6 +59,10 @@ use crate::linalg::vectors::{add, axpy, aypx, copy_scaled, divide, scale, subtra
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::random::golden_vector;
+use crate::scheme::drive::InstantData;
+use crate::scheme::midpoint::MidpointRule;
+use crate::scheme::state::{State, SupportVelocities};
+use crate::scheme::{StepBalance, System};
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, BoundStatus, Condensed, Problem, Solver, StepReport};
 use std::rc::Rc;
@@ -140,7 +140,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     ///
     /// The equation M R = B^T V is solved iteratively with K + s M; each iteration leaves the
     /// fraction `$\omega^2 / (\omega^2 + s)$` of a vibration of angular frequency `$\omega$`.
-    pub(super) fn support_velocities(system: &System<E>) -> Result<Rc<SupportVelocities>> {
+    pub(in crate::scheme) fn support_velocities(system: &System<E>) -> Result<Rc<SupportVelocities>> {
         let System { engine, mass, drive, .. } = system;
         if drive.supports.is_empty() {
             return Ok(Rc::new([]));
@@ -168,7 +168,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     }
 
     /// Chooses the penalty and factors K + s M.
-    pub(super) fn factor(system: &'s System<E>) -> Result<Potential<'s, E>> {
+    pub(in crate::scheme) fn factor(system: &'s System<E>) -> Result<Potential<'s, E>> {
         let System { engine, stiffness, mass, bounds, .. } = system;
         let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
         let (mut b, mut x) = (vec![0.0; dofs], golden_vector(dofs));
@@ -259,7 +259,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     }
 
     /// Moves a state to U(p) at its own instant.
-    pub(super) fn settle_state(&mut self, state: &mut State) -> Result<StepReport> {
+    pub(in crate::scheme) fn settle_state(&mut self, state: &mut State) -> Result<StepReport> {
         let State { instant, u, reaction, .. } = state;
         let report = self.settle_at(instant, u, reaction)?;
         state.update_energies(self.system)?;
@@ -286,12 +286,12 @@ impl<'s, E: Engine> Potential<'s, E> {
 
     /// Sets the acceleration of a balance to that of the last solution, `$-\lambda$`, which
     /// contains the damping.
-    pub(super) fn set_acceleration(&self, balance: &mut StepBalance) {
+    pub(in crate::scheme) fn set_acceleration(&self, balance: &mut StepBalance) {
         copy_scaled(-1.0, &self.multiplier, &mut balance.acceleration);
     }
 
     /// Returns the line of states along a solved midpoint step that starts at `time` (s).
-    pub(super) fn line<'l>(
+    pub(in crate::scheme) fn line<'l>(
         &'l mut self,
         from: &'l State,
         rule: &'l MidpointRule<'s, E>,
@@ -396,7 +396,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     }
 
     /// Saves or restores the solver; each solution starts afresh.
-    pub(super) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+    pub(in crate::scheme) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.solver.archive(&self.system.engine, &self.sum, &self.system.bounds, archive)
     }
 
@@ -407,7 +407,7 @@ impl<'s, E: Engine> Potential<'s, E> {
 }
 
 /// Line of the states (p + gamma dp, V + gamma dV) of a step; gamma = 1 is the midpoint rule.
-pub(super) struct Line<'l, 's, E: Engine> {
+pub(in crate::scheme) struct Line<'l, 's, E: Engine> {
     potential: &'l mut Potential<'s, E>,
     from: &'l State,
     rule: &'l MidpointRule<'s, E>,

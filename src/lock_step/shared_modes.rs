@@ -6,7 +6,7 @@ use super::load_laws::KnownFactors;
 use crate::error::Result;
 use crate::linalg::{Engine, Form, MassModes, Native};
 use crate::modes::modes_with_mass;
-use crate::scheme::exact::modal_saddle_point::ModalSaddlePoint;
+use crate::scheme::massless::modal_saddle_point::ModalSaddlePoint;
 use crate::scheme::modal::all_bounds::AllBounds;
 use crate::scheme::modal::contact_model::{BoundRows, ContactModel};
 use crate::scheme::{NewmarkParameters, System};
@@ -17,7 +17,7 @@ use std::rc::Rc;
 const MOST_DOFS: usize = 600;
 const MOST_BOUNDS: usize = 24;
 /// Largest number of mode shapes at bounds for which steps in lock step, which evaluate all of
-/// them, cost less than those of [`ModalScheme`](super::super::ModalScheme), which seldom do.
+/// them, cost less than those of [`ModalScheme`](crate::scheme::ModalScheme), which seldom do.
 const MOST_SHAPES: usize = 2000;
 
 /// Modes and compliance of equal systems whose runs go in lock step.

@@ -19,7 +19,7 @@ const CORRECTIONS: usize = 2;
 const LEAST_SHIFT: f64 = 1e-6;
 
 /// Returns the solutions for forces, column by column.
-pub(super) fn solved(factor: &mut impl Factor, mut forces: Mat<f64>) -> Result<Mat<f64>> {
+pub(crate) fn solved(factor: &mut impl Factor, mut forces: Mat<f64>) -> Result<Mat<f64>> {
     for j in 0..forces.ncols() {
         factor.solve(forces.col_as_slice_mut(j))?;
     }
@@ -27,12 +27,12 @@ pub(super) fn solved(factor: &mut impl Factor, mut forces: Mat<f64>) -> Result<M
 }
 
 /// Returns (A + A^T) / 2 times a factor.
-pub(super) fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
+pub(crate) fn symmetric(a: &Mat<f64>, factor: f64) -> Mat<f64> {
     Mat::from_fn(a.nrows(), a.ncols(), |i, j| 0.5 * factor * (a[(i, j)] + a[(j, i)]))
 }
 
 /// Solver of the saddle-point problem of displacements U and accelerations a, see
-/// [`super::reduction`].
+/// [`crate::scheme::exact`].
 pub(in crate::scheme) trait SaddlePointSolver {
     /// Returns U and a for forces (n x k) and positions (N x k).
     fn solve(&self, forces: Mat<f64>, positions: Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)>;
@@ -57,7 +57,7 @@ pub(in crate::scheme) trait SaddlePointSolver {
 
 /// Solver for velocities of cells, with the factor of K + s M, which is definite where K and M
 /// share no rigid motion and gives the same solution where B U is prescribed.
-pub(super) struct CellSaddlePoint<'s, E: Engine> {
+pub(crate) struct CellSaddlePoint<'s, E: Engine> {
     system: &'s System<E>,
     basis: Rc<VelocityBasis>,
     shift: f64,

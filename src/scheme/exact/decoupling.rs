@@ -23,9 +23,9 @@
 //! orthogonal where damping is light, and the error of each eigenvalue is the rounding of the
 //! highest frequency.
 
-use super::eigen::general_eigen;
-use super::vectors::dot;
 use crate::error::{Error, Result};
+use crate::linalg::eigen::general_eigen;
+use crate::linalg::vectors::dot;
 use faer::{Mat, MatRef};
 
 /// Largest amount by which (q, q') may miss its equations, or its way to (p, p') and back, relative

@@ -44,7 +44,7 @@ const MAX_ROUNDS: usize = 8;
 const WIDTH: usize = 8;
 
 /// Solver for velocities of modes; see the [module page](self).
-pub(in crate::scheme) struct ModalSaddlePoint<'s, E: Engine> {
+pub(crate) struct ModalSaddlePoint<'s, E: Engine> {
     pub system: &'s System<E>,
     pub modes: Rc<MassModes>,
     /// Shift s, in (rad/s)^2.
@@ -185,7 +185,7 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
 }
 
 /// Returns the sum of a matrix over all ranks, the same on each. Collective.
-pub(in crate::scheme) fn summed(comm: &impl Communicator, own: Mat<f64>) -> Mat<f64> {
+pub(crate) fn summed(comm: &impl Communicator, own: Mat<f64>) -> Mat<f64> {
     if comm.size() == 1 {
         return own;
     }
