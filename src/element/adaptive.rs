@@ -9,7 +9,7 @@
 use super::quadrature::{DEGREE_3, DEGREE_6, Node};
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::field::Enclosure;
+use crate::field::{Enclosure, NOTHING};
 use crate::geometry::Point;
 use std::collections::BTreeMap;
 
@@ -21,8 +21,8 @@ pub trait Integrand {
     /// Returns [`crate::Error::Scene`] where the function has no finite value.
     fn values(&self, points: &[Point], values: &mut [f64]) -> Result<()>;
 
-    /// Returns bounds over the rectangle between two corners, in m.
-    fn enclose(&self, low: Point, high: Point) -> Enclosure;
+    /// Returns bounds over the rectangle between two corners, in m; slopes are along x, y and t.
+    fn enclose(&self, low: Point, high: Point) -> Enclosure<3>;
 
     /// Returns a number that differs across jumps and kinks.
     fn side(&self, at: Point) -> u64;
@@ -59,6 +59,9 @@ pub const EACH_TIME: Effort =
 /// Largest trusted ratio of the bounds to the curvature that the points show; bounds overestimate
 /// smooth functions by up to this factor.
 const TRUSTED: f64 = 32.0;
+
+/// Share of a rectangle that counts as its edge: a jump along it has no area.
+const EDGE: f64 = 1e-9;
 
 /// Largest number of subdivisions of a triangle.
 const LEVELS: usize = 24;
@@ -208,12 +211,12 @@ impl Search<'_> {
             Point::new(axis(0, f64::min), axis(1, f64::min)),
             Point::new(axis(0, f64::max), axis(1, f64::max)),
         );
-        let Enclosure { value, slope, jumps } = function.enclose(low, high);
-        let centre = low + (high - low) / 2.0;
-        let far = |k: usize| vertices.iter().fold(0.0, |m: f64, v| m.max((v[k] - centre[k]).abs()));
+        let inset = (high - low) * EDGE;
+        let bounds = function.enclose(low + inset, high - inset);
+        let (value, jumps) = (bounds.value, bounds.jumps());
         // Deviation from the affine function with the middle slopes, counted twice because the
         // function is not known at the centre.
-        let bent: f64 = (0..2).map(|k| slope[k].width() * far(k)).sum();
+        let bent = bounds.slope[0].width() + bounds.slope[1].width();
         let open = if jumps || bent.is_nan() { value.width() } else { value.width().min(bent) };
         (if open.is_nan() { f64::INFINITY } else { open }, jumps)
     }
@@ -221,7 +224,7 @@ impl Search<'_> {
     fn judge(&self, function: &dyn Integrand, part: &Part, last: bool) -> Result<Verdict> {
         let (open, jumps) = self.open(function, part);
         let mean = self.size / self.area;
-        if !jumps && open <= self.effort.difference * mean {
+        if open <= NOTHING || !jumps && open <= self.effort.difference * mean {
             return Ok(Verdict::Accept);
         }
         // Where there are no bounds, such as beside a pole, the magnitude at the points replaces

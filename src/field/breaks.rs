@@ -1,8 +1,7 @@
 //! Kinks and jumps of functions of time, located to rounding.
 
 use super::code::Stack;
-use super::span::Span;
-use super::{Field, Name, Names, Point, Table, code};
+use super::{Enclosure, Field, Name, Names, Point, Table, code};
 
 /// Instant at which a function of time or its derivative jumps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,11 +66,17 @@ impl Field {
     }
 
     /// Returns bounds on value and derivative at a point between two instants (s).
-    pub(super) fn span(&self, stack: &mut Stack<Span>, at: Point, from: f64, to: f64) -> Span {
+    pub(super) fn span(
+        &self,
+        stack: &mut Stack<Enclosure<1>>,
+        at: Point,
+        from: f64,
+        to: f64,
+    ) -> Enclosure<1> {
         code::run(&self.code, stack, |name| match name {
             Name::X => code::Number::constant(at.x),
             Name::Y => code::Number::constant(at.y),
-            Name::T => Span::moving(from, to),
+            Name::T => Enclosure::variable(0, from, to),
         })
     }
 }
@@ -106,20 +111,20 @@ struct Sample {
 }
 
 impl Search {
-    fn look(&mut self, span: Span, low: f64, high: f64) {
+    fn look(&mut self, span: Enclosure<1>, low: f64, high: f64) {
         if span.middle.is_finite() {
             self.largest = self.largest.max(span.middle.abs());
         }
         // Next to a break this still bounds the derivatives on both sides.
-        let rate = span.rate.magnitude();
-        let is_settled = !span.breaks || high - low <= ROUNDED * self.length;
+        let middle = 0.5 * (low + high);
+        let rate = span.slope[0].magnitude() / (middle - low).max(high - middle);
+        let is_settled = !span.breaks() || high - low <= ROUNDED * self.length;
         if is_settled && rate.is_finite() {
             self.fastest = self.fastest.max(rate);
         }
-        if !span.breaks {
+        if !span.breaks() {
             return;
         }
-        let middle = 0.5 * (low + high);
         let last = self.suspects.last_mut().filter(|(_, end)| low - *end <= 4.0 * self.least);
         let adjoins = last.is_some();
         if let Some((begin, end)) = last

@@ -1,494 +1,318 @@
-//! Interval arithmetic in space: bounds on a formula and its slopes over a rectangle, and whether
-//! it may jump there.
+//! Bounds on a formula and its slopes over ranges of its variables, and whether it may have a kink
+//! or a jump there.
 //!
-//! The bounds hold up to rounding. Source: R. E. Moore, R. B. Kearfott and M. J. Cloud,
-//! *Introduction to Interval Analysis*, 2009, chapters 2, 5 and 6 (the mean value form).
+//! Source: R. E. Moore, R. B. Kearfott and M. J. Cloud, *Introduction to Interval Analysis*, 2009,
+//! chapter 6 (the mean value form).
 
 use super::code::{Binary, Number, Unary};
-use crate::hash;
-use std::f64::consts::{FRAC_PI_2, LN_10, PI, TAU};
+use super::interval::{Interval, ROUNDING};
+use std::array;
+use std::f64::consts::{FRAC_PI_2, LN_10, PI};
 
-/// Interval of numbers, up to rounding; its ends may be infinite.
+/// Bounds on a number over ranges of N variables.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Interval {
-    /// Lower end.
-    pub low: f64,
-    /// Upper end.
-    pub high: f64,
-}
-
-impl Interval {
-    const ALL: Interval = Interval { low: f64::NEG_INFINITY, high: f64::INFINITY };
-    const ZERO: Interval = Interval::point(0.0);
-    const ONE: Interval = Interval::point(1.0);
-
-    /// Returns the interval between two numbers, in any order; all numbers if one of them is NaN.
-    pub fn new(a: f64, b: f64) -> Interval {
-        if a.is_nan() || b.is_nan() { Interval::ALL } else { Interval { low: a.min(b), high: a.max(b) } }
-    }
-
-    /// Returns the interval of one number.
-    pub const fn point(value: f64) -> Interval {
-        Interval { low: value, high: value }
-    }
-
-    /// Returns the width of the interval.
-    pub fn width(self) -> f64 {
-        self.high - self.low
-    }
-
-    /// Returns the largest magnitude.
-    pub fn magnitude(self) -> f64 {
-        self.high.abs().max(self.low.abs())
-    }
-
-    /// Returns whether the interval contains a number.
-    pub fn contains(self, value: f64) -> bool {
-        self.low <= value && value <= self.high
-    }
-
-    fn is_point(self) -> bool {
-        self.low == self.high
-    }
-
-    fn least_magnitude(self) -> f64 {
-        if self.contains(0.0) { 0.0 } else { self.low.abs().min(self.high.abs()) }
-    }
-
-    /// Returns the smallest interval that contains both.
-    pub fn hull(self, other: Interval) -> Interval {
-        Interval { low: self.low.min(other.low), high: self.high.max(other.high) }
-    }
-
-    /// Returns the intersection of both, or this interval where rounding leaves it empty.
-    fn within(self, other: Interval) -> Interval {
-        let (low, high) = (self.low.max(other.low), self.high.min(other.high));
-        if low <= high { Interval { low, high } } else { self }
-    }
-
-    /// Returns the sum.
-    pub fn plus(self, other: Interval) -> Interval {
-        Interval::new(self.low + other.low, self.high + other.high)
-    }
-
-    fn negative(self) -> Interval {
-        Interval { low: -self.high, high: -self.low }
-    }
-
-    /// Returns the product with a number.
-    pub fn scaled(self, factor: f64) -> Interval {
-        self.times(Interval::point(factor))
-    }
-
-    /// Returns the product; zero times anything is zero.
-    /// Returns the product.
-    pub fn times(self, other: Interval) -> Interval {
-        let product = |a: f64, b: f64| if a == 0.0 || b == 0.0 { 0.0 } else { a * b };
-        let corners = [
-            product(self.low, other.low),
-            product(self.low, other.high),
-            product(self.high, other.low),
-            product(self.high, other.high),
-        ];
-        Interval::new(
-            corners.into_iter().fold(f64::INFINITY, f64::min),
-            corners.into_iter().fold(f64::NEG_INFINITY, f64::max),
-        )
-    }
-
-    fn square(self) -> Interval {
-        Interval::new(self.least_magnitude().powi(2), self.magnitude().powi(2))
-    }
-
-    fn inverse(self) -> Interval {
-        if self.low == 0.0 && self.high > 0.0 {
-            return Interval::new(1.0 / self.high, f64::INFINITY);
-        }
-        if self.high == 0.0 && self.low < 0.0 {
-            return Interval::new(f64::NEG_INFINITY, 1.0 / self.low);
-        }
-        if self.contains(0.0) { Interval::ALL } else { Interval::new(1.0 / self.low, 1.0 / self.high) }
-    }
-
-    /// Returns the image under an increasing function.
-    fn rising(self, function: impl Fn(f64) -> f64) -> Interval {
-        Interval::new(function(self.low), function(self.high))
-    }
-
-    /// Returns the image under the cosine.
-    fn cos(self) -> Interval {
-        if self.width().is_nan() || self.width() >= TAU {
-            return Interval { low: -1.0, high: 1.0 };
-        }
-        let ends = Interval::new(self.low.cos(), self.high.cos());
-        // Whether the interval contains a shifted multiple of a full turn.
-        let has = |shift: f64| ((self.high - shift) / TAU).floor() >= ((self.low - shift) / TAU).ceil();
-        Interval { low: if has(PI) { -1.0 } else { ends.low }, high: if has(0.0) { 1.0 } else { ends.high } }
-    }
-
-    fn sin(self) -> Interval {
-        self.plus(Interval::point(-FRAC_PI_2)).cos()
-    }
-
-    /// Returns the image under u^n, n a number.
-    fn power(self, n: f64) -> Interval {
-        if n == 0.0 {
-            return Interval::ONE;
-        }
-        if n < 0.0 {
-            return self.power(-n).inverse();
-        }
-        let raise = |u: f64| u.powf(n);
-        if n.fract() == 0.0 {
-            return if n % 2.0 == 0.0 {
-                Interval::new(raise(self.least_magnitude()), raise(self.magnitude()))
-            } else {
-                self.rising(raise)
-            };
-        }
-        Interval { low: self.low.max(0.0), high: self.high.max(0.0) }.rising(raise)
-    }
-}
-
-/// Bounds on a formula over a rectangle: its value, its slopes along x and y, and whether it may
-/// jump.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Enclosure {
+pub struct Enclosure<const N: usize> {
+    /// Value at the middle of all ranges.
+    pub(super) middle: f64,
+    /// Bound on the rounding error of that value.
+    error: f64,
     /// Bounds on the value.
     pub value: Interval,
-    /// Bounds on the slopes along x and y, meaningless where it may jump.
-    pub slope: [Interval; 2],
-    /// Whether the formula may jump: a condition or step is not constant on the rectangle.
-    pub jumps: bool,
+    /// Bounds on the slope along each variable, where there is one, times half its range.
+    pub slope: [Interval; N],
+    course: Course,
 }
 
-impl Enclosure {
+/// Worst that may occur in the ranges.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Course {
+    Smooth,
+    /// Kink or pole.
+    Kink,
+    Jump,
+}
+
+impl<const N: usize> Enclosure<N> {
     /// The number 0.
-    pub const ZERO: Enclosure = Enclosure { value: Interval::ZERO, slope: [Interval::ZERO; 2], jumps: false };
+    pub const ZERO: Self = Enclosure {
+        middle: 0.0,
+        error: 0.0,
+        value: Interval::ZERO,
+        slope: [Interval::ZERO; N],
+        course: Course::Smooth,
+    };
 
-    /// Returns a variable between bounds, along x (0) or y (1).
-    pub(super) fn along(axis: usize, value: Interval) -> Enclosure {
-        let mut slope = [Interval::ZERO; 2];
-        slope[axis] = Interval::ONE;
-        Enclosure { value, slope, jumps: false }
+    /// Returns the variable of this index between bounds.
+    pub(super) fn variable(index: usize, low: f64, high: f64) -> Self {
+        let middle = 0.5 * (low + high);
+        let mut variable = Enclosure { middle, value: Interval { low, high }, ..Self::ZERO };
+        variable.slope[index] = Interval::point((middle - low).max(high - middle));
+        variable
     }
 
-    /// Returns whether the value is constant at most along lines, which have no area.
-    fn is_nowhere_flat(&self) -> bool {
-        !self.jumps && self.slope.iter().any(|slope| !slope.contains(0.0))
+    /// Returns a smooth number, given its value at the middle and its bounds.
+    pub(super) fn smooth(middle: f64, value: Interval, slope: [Interval; N]) -> Self {
+        let error = ROUNDING * value.magnitude();
+        Enclosure { middle, error, value, slope, course: Course::Smooth }.tightened()
     }
 
-    /// Returns f(u), from bounds on f and on f'.
-    fn chain(self, value: Interval, derivative: Interval) -> Enclosure {
-        Enclosure { value, slope: self.slope.map(|slope| slope.times(derivative)), ..self }
+    /// Returns whether there may be a jump.
+    pub fn jumps(&self) -> bool {
+        self.course == Course::Jump
     }
 
-    /// Returns a piecewise constant function: one value, or a jump between the values of an
-    /// interval.
-    fn steps(self, value: Interval) -> Enclosure {
-        let jumps = !value.is_point();
-        let slope = if jumps { Interval::ALL } else { Interval::ZERO };
-        Enclosure { value, slope: [slope; 2], jumps }
-    }
-
-    fn times(self, other: Enclosure) -> Enclosure {
-        let slope = |k: usize| self.slope[k].times(other.value).plus(other.slope[k].times(self.value));
-        Enclosure {
-            value: self.value.times(other.value),
-            slope: [slope(0), slope(1)],
-            jumps: self.jumps || other.jumps,
-        }
+    /// Returns whether there may be a kink, a pole or a jump.
+    pub(super) fn breaks(&self) -> bool {
+        self.course != Course::Smooth
     }
 
     /// Returns the sum.
-    pub fn plus(self, other: Enclosure) -> Enclosure {
-        Enclosure {
-            value: self.value.plus(other.value),
-            slope: [0, 1].map(|k| self.slope[k].plus(other.slope[k])),
-            jumps: self.jumps || other.jumps,
-        }
+    pub fn plus(self, other: Self) -> Self {
+        self.binary(Binary::Add, other)
     }
 
     /// Returns the product with a number.
-    pub fn scaled(self, factor: f64) -> Enclosure {
+    pub fn scaled(self, factor: f64) -> Self {
+        self.binary(Binary::Multiply, Self::constant(factor))
+    }
+
+    fn is_constant(&self) -> bool {
+        self.error == 0.0 && self.value.low.to_bits() == self.value.high.to_bits()
+    }
+
+    fn negative(self) -> Self {
         Enclosure {
-            value: self.value.scaled(factor),
-            slope: self.slope.map(|slope| slope.scaled(factor)),
+            middle: -self.middle,
+            value: self.value.negative(),
+            slope: self.slope.map(Interval::negative),
             ..self
         }
     }
 
-    fn negative(self) -> Enclosure {
-        Enclosure { value: self.value.negative(), slope: self.slope.map(Interval::negative), ..self }
+    /// Returns f(u, v), given its value at the middle and bounds on f and its partial derivatives.
+    fn combine(self, right: Self, middle: f64, value: Interval, partial: [Interval; 2]) -> Self {
+        // Such as a product with 0.
+        if value.is_point() {
+            return Self::steps(middle, value);
+        }
+        let [u, v] = partial;
+        let slope = array::from_fn(|k| self.slope[k].times(u).plus(right.slope[k].times(v)));
+        let passed = |partial: Interval, error: f64| match error {
+            0.0 => 0.0,
+            _ => 2.0 * partial.magnitude() * error,
+        };
+        let rounded = ROUNDING * middle.abs() + f64::MIN_POSITIVE;
+        let error = rounded + passed(u, self.error) + passed(v, right.error);
+        Enclosure { middle, error, value, slope, course: self.course.max(right.course) }.tightened()
     }
 
-    /// Returns one of the two, with a possible kink between them but no jump.
-    fn either(self, other: Enclosure, value: Interval) -> Enclosure {
+    /// Returns f(u), given its value at the middle and bounds on f and f'.
+    fn chain(self, middle: f64, value: Interval, derivative: Interval) -> Self {
+        self.combine(Self::ZERO, middle, value, [derivative, Interval::ZERO])
+    }
+
+    /// Tightens the bounds on a continuous number by its value at the middle and its slopes.
+    fn tightened(mut self) -> Self {
+        let change: f64 = self.slope.iter().map(|slope| slope.magnitude()).sum();
+        let way = (1.0 + ROUNDING) * (change + self.error);
+        if !self.jumps() && way.is_finite() && self.middle.is_finite() {
+            self.value = self.value.within(Interval::of([self.middle - way, self.middle + way]));
+        }
+        self
+    }
+
+    /// Marks a kink or pole where a condition holds.
+    fn kinked(mut self, condition: bool) -> Self {
+        if condition {
+            self.course = self.course.max(Course::Kink);
+        }
+        self
+    }
+
+    /// Returns one of two numbers, with a possible kink between them.
+    fn either(self, other: Self, middle: f64, value: Interval) -> Self {
         Enclosure {
+            middle,
+            error: self.error + other.error,
             value,
-            slope: [0, 1].map(|k| self.slope[k].hull(other.slope[k])),
-            jumps: self.jumps || other.jumps,
+            slope: array::from_fn(|k| self.slope[k].hull(other.slope[k])),
+            course: self.course.max(other.course),
         }
+        .kinked(true)
     }
 
-    /// Returns whether this is less than `other`, if the answer is the same everywhere except on
-    /// lines.
-    fn is_less(self, other: Enclosure) -> Option<bool> {
-        let gap = self.plus(other.negative());
-        let touches = || gap.is_nowhere_flat();
-        if self.value.high < other.value.low || self.value.high == other.value.low && touches() {
-            return Some(true);
+    /// Returns a piecewise constant number: one value, or a jump between the values of an interval.
+    fn steps(middle: f64, value: Interval) -> Self {
+        if value.is_point() {
+            return Enclosure { middle: value.low, value, ..Self::ZERO };
         }
-        if self.value.low > other.value.high || self.value.low == other.value.high && touches() {
-            return Some(false);
-        }
-        (self.value.is_point() && other.value.is_point()).then_some(self.value.low < other.value.low)
+        Enclosure { middle, value, course: Course::Jump, ..Self::ZERO }
     }
 
-    fn is_equal(self, other: Enclosure) -> Option<bool> {
-        if self.value.is_point() && other.value.is_point() {
-            return Some(self.value == other.value);
-        }
-        let apart = self.value.high < other.value.low || self.value.low > other.value.high;
-        (apart || self.plus(other.negative()).is_nowhere_flat()).then_some(false)
-    }
-
-    /// Returns the enclosure of a condition that is known, or not.
-    fn condition(known: Option<bool>) -> Enclosure {
-        let value = known.map_or(Interval { low: 0.0, high: 1.0 }, |holds| Interval::point(f64::from(holds)));
-        Enclosure::constant(0.0).steps(value)
-    }
-
-    /// Returns the image under floor: a single integer where it is constant except on lines.
-    fn floor(self) -> Interval {
-        let Interval { low, high } = self.value;
-        if self.is_nowhere_flat() && high == high.floor() && low.floor() == high - 1.0 {
-            return Interval::point(high - 1.0);
-        }
-        self.value.rising(f64::floor)
-    }
-
-    /// Returns the remainder u - v floor(u / v).
-    fn remainder(self, divisor: Enclosure) -> Enclosure {
-        let turns = self.binary(Binary::Divide, divisor).unary(Unary::Floor);
-        let rest = self.plus(divisor.times(turns).negative());
-        let most = divisor.value.magnitude();
-        let range = Interval {
-            low: if divisor.value.low < 0.0 { -most } else { 0.0 },
-            high: if divisor.value.high > 0.0 { most } else { 0.0 },
-        };
-        Enclosure { value: rest.value.within(range), ..rest }
-    }
-
-    /// Returns the angle of (v, u) from the axis v, which jumps where u changes its sign at a
-    /// negative v.
-    fn angle(self, across: Enclosure) -> Enclosure {
-        let (u, v) = (self.value, across.value);
-        if u.contains(0.0) && v.low <= 0.0 {
-            return Enclosure::constant(0.0).steps(Interval { low: -PI, high: PI });
-        }
-        let corners = [u.low, u.high].map(|u| [v.low, v.high].map(|v| u.atan2(v)));
-        let all = corners.as_flattened().iter().copied();
-        let value = Interval::new(all.clone().fold(f64::MAX, f64::min), all.fold(f64::MIN, f64::max));
-        let square = u.square().plus(v.square()).inverse();
-        let slope = |k: usize| {
-            let rate = self.slope[k].times(v).plus(across.slope[k].times(u).negative());
-            rate.times(square)
-        };
-        Enclosure { value, slope: [slope(0), slope(1)], jumps: self.jumps || across.jumps }
+    /// Returns whether the number has no value on an area: it is constant at most along lines of
+    /// the plane of the first two variables.
+    fn is_nowhere_flat(&self) -> bool {
+        N > 1 && !self.jumps() && self.slope.iter().take(2).any(|slope| !slope.contains(0.0))
     }
 }
 
-impl Number for Enclosure {
+impl<const N: usize> Number for Enclosure<N> {
     fn constant(value: f64) -> Self {
-        Enclosure { value: Interval::point(value), slope: [Interval::ZERO; 2], jumps: false }
+        Enclosure { middle: value, value: Interval::point(value), ..Self::ZERO }
     }
 
     fn unary(self, op: Unary) -> Self {
-        let u = self.value;
+        let (u, middle) = (self.value, self.middle.unary(op));
+        if self.is_constant() {
+            return Self::constant(middle);
+        }
         let one = Interval::ONE;
+        let monotonic = |u: Interval| u.map(|u| u.unary(op));
         match op {
             Unary::Negate => self.negative(),
-            Unary::Not => self.steps(one.plus(u.negative())),
-            Unary::Sin => self.chain(u.sin(), u.cos()),
-            Unary::Cos => self.chain(u.cos(), u.sin().negative()),
+            Unary::Not => Self::steps(middle, u.negative().ends(|end| 1.0 + end)),
+            Unary::Sin => self.chain(middle, u.sin(), u.cos()),
+            Unary::Cos => self.chain(middle, u.cos(), u.sin().negative()),
             Unary::Tan => {
-                let same_branch = ((u.low - FRAC_PI_2) / PI).floor() == ((u.high - FRAC_PI_2) / PI).floor();
-                let value = if same_branch { u.rising(f64::tan) } else { Interval::ALL };
-                self.chain(value, one.plus(value.square()))
+                let pole = u.has_turn(FRAC_PI_2, PI);
+                let value = if pole { Interval::ALL } else { monotonic(u) };
+                self.chain(middle, value, one.plus(value.power(2.0))).kinked(pole)
             }
             Unary::Asin | Unary::Acos => {
-                let inside = Interval { low: u.low.clamp(-1.0, 1.0), high: u.high.clamp(-1.0, 1.0) };
-                let slope = one.plus(inside.square().negative()).power(0.5).inverse();
-                if op == Unary::Asin {
-                    self.chain(inside.rising(f64::asin), slope)
-                } else {
-                    self.chain(inside.rising(f64::acos), slope.negative())
-                }
+                let inside = u.ends(|end| end.clamp(-1.0, 1.0));
+                let slope = one.plus(inside.power(2.0).negative()).power(-0.5);
+                let slope = if op == Unary::Asin { slope } else { slope.negative() };
+                self.chain(middle, monotonic(inside), slope).kinked(u.low <= -1.0 || u.high >= 1.0)
             }
-            Unary::Atan => self.chain(u.rising(f64::atan), one.plus(u.square()).inverse()),
+            Unary::Atan => self.chain(middle, monotonic(u), one.plus(u.power(2.0)).inverse()),
             Unary::Sinh | Unary::Cosh => {
-                let sinh = u.rising(f64::sinh);
-                let cosh = Interval::new(u.least_magnitude().cosh(), u.magnitude().cosh());
-                if op == Unary::Sinh { self.chain(sinh, cosh) } else { self.chain(cosh, sinh) }
+                let sinh = u.map(f64::sinh);
+                let cosh = Interval::of([u.least_magnitude(), u.magnitude()].map(f64::cosh));
+                let (value, slope) = if op == Unary::Sinh { (sinh, cosh) } else { (cosh, sinh) };
+                self.chain(middle, value, slope)
             }
             Unary::Tanh => {
-                let value = u.rising(f64::tanh);
-                self.chain(value, one.plus(value.square().negative()))
+                let value = monotonic(u);
+                self.chain(middle, value, one.plus(value.power(2.0).negative()))
             }
             Unary::Exp => {
-                let value = u.rising(f64::exp);
-                self.chain(value, value)
+                let value = monotonic(u).positive();
+                self.chain(middle, value, value)
             }
             Unary::Ln | Unary::Log10 => {
-                let scale = if op == Unary::Ln { 1.0 } else { 1.0 / LN_10 };
-                let inside = Interval { low: u.low.max(0.0), high: u.high.max(0.0) };
-                self.chain(inside.rising(f64::ln).scaled(scale), inside.inverse().scaled(scale))
+                let scale = if op == Unary::Ln { one } else { Interval::of([LN_10]).inverse() };
+                let inside = u.positive();
+                self.chain(middle, monotonic(inside), inside.inverse().times(scale)).kinked(u.low <= 0.0)
             }
             Unary::Sqrt => {
-                let value = u.power(0.5);
-                self.chain(value, value.inverse().scaled(0.5))
+                let slope = u.power(-0.5).times(Interval::point(0.5));
+                self.chain(middle, u.power(0.5), slope).kinked(u.low <= 0.0)
             }
             Unary::Abs if u.low >= 0.0 => self,
             Unary::Abs if u.high <= 0.0 => self.negative(),
-            Unary::Abs => self.either(self.negative(), Interval::new(0.0, u.magnitude())),
-            Unary::Sign => match (self.is_less(Self::constant(0.0)), Self::constant(0.0).is_less(self)) {
-                (Some(true), _) => self.steps(Interval::point(-1.0)),
-                (_, Some(true)) => self.steps(one),
-                (Some(false), Some(false)) => self.steps(Interval::ZERO),
-                _ => self.steps(u.rising(|u| if u == 0.0 { 0.0 } else { u.signum() })),
-            },
-            Unary::Floor => self.steps(self.floor()),
-            Unary::Ceil => self.steps(self.negative().floor().negative()),
-            Unary::Round => self.steps(u.rising(f64::round)),
-            Unary::Step => match self.is_less(Self::constant(0.0)) {
-                Some(negative) => self.steps(Interval::point(f64::from(!negative))),
-                None if u.low >= 0.0 => self.steps(one),
-                None => self.steps(Interval { low: 0.0, high: 1.0 }),
-            },
+            Unary::Abs => self.either(self.negative(), middle, Interval { low: 0.0, high: u.magnitude() }),
+            Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Step => {
+                Self::steps(middle, u.ends(|end| end.unary(op)))
+            }
         }
     }
 
     fn binary(self, op: Binary, right: Self) -> Self {
         let (u, v) = (self.value, right.value);
-        let negated = |known: Option<bool>| known.map(|known| !known);
+        let middle = self.middle.binary(op, right.middle);
+        if self.is_constant() && right.is_constant() {
+            return Self::constant(middle);
+        }
+        let one = Interval::ONE;
+        let condition = |surely: bool, possibly: bool| {
+            Self::steps(middle, Interval { low: f64::from(surely), high: f64::from(possibly) })
+        };
         match op {
-            Binary::Add => self.plus(right),
-            Binary::Subtract => self.plus(right.negative()),
-            Binary::Multiply => self.times(right),
+            Binary::Add => self.combine(right, middle, u.plus(v), [one, one]),
+            Binary::Subtract => self.binary(Binary::Add, right.negative()),
+            Binary::Multiply => self.combine(right, middle, u.times(v), [v, u]),
             Binary::Divide => {
                 let inverse = v.inverse();
-                self.times(right.chain(inverse, inverse.square().negative()))
+                let value = u.times(inverse);
+                let partial = [inverse, value.times(inverse).negative()];
+                self.combine(right, middle, value, partial).kinked(v.contains(0.0))
             }
             Binary::Power if v.is_point() => {
                 let n = v.low;
-                self.chain(u.power(n), u.power(n - 1.0).scaled(n))
+                let smooth = u.low > 0.0 || n.fract() == 0.0 && (n >= 0.0 || u.high < 0.0);
+                let slope = u.power(n - 1.0).times(v);
+                self.chain(middle, u.power(n), slope).kinked(!smooth)
             }
-            // The power u^v is computed as exp(v ln u).
-            Binary::Power => right.times(self.unary(Unary::Ln)).unary(Unary::Exp),
-            Binary::Min if u.high <= v.low => self,
-            Binary::Min if v.high <= u.low => right,
-            Binary::Min => self.either(right, Interval { low: u.low.min(v.low), high: u.high.min(v.high) }),
-            Binary::Max if u.low >= v.high => self,
-            Binary::Max if v.low >= u.high => right,
-            Binary::Max => self.either(right, Interval { low: u.low.max(v.low), high: u.high.max(v.high) }),
-            Binary::Atan2 => self.angle(right),
+            Binary::Power => {
+                // The magnitude is exp(v ln |u|). Whole powers of a negative u have either sign.
+                let log = self.unary(Unary::Abs).unary(Unary::Ln);
+                let size = right.binary(Binary::Multiply, log).unary(Unary::Exp);
+                if u.low >= 0.0 {
+                    return size;
+                }
+                let value = size.value.hull(size.value.negative());
+                Enclosure { course: Course::Jump, ..size.either(size.negative(), middle, value) }
+            }
+            Binary::Min | Binary::Max => {
+                let (less, more) = if op == Binary::Min { (u, v) } else { (v, u) };
+                if less.high <= more.low {
+                    return self;
+                }
+                if more.high <= less.low {
+                    return right;
+                }
+                self.either(right, middle, u.each(v, |a, b| a.binary(op, b)))
+            }
+            Binary::Atan2 if u.contains(0.0) && v.low <= 0.0 => {
+                let turn = Interval { low: -PI, high: PI };
+                Enclosure { slope: [Interval::ALL; N], ..Self::steps(middle, turn) }
+            }
+            Binary::Atan2 => {
+                let corner = |u: f64, v: f64| u.atan2(v);
+                let low = [corner(u.low, v.low), corner(u.low, v.high)];
+                let high = [corner(u.high, v.low), corner(u.high, v.high)];
+                let value = Interval::of(low).hull(Interval::of(high));
+                let inverse = u.power(2.0).plus(v.power(2.0)).inverse();
+                self.combine(right, middle, value, [v.times(inverse), u.times(inverse).negative()])
+            }
             Binary::Hypot => {
                 let least = u.least_magnitude().hypot(v.least_magnitude());
-                let value = Interval::new(least, u.magnitude().hypot(v.magnitude()));
-                let unit = Interval { low: -1.0, high: 1.0 };
-                let share = |of: Interval| of.times(value.inverse()).within(unit);
-                let slope = |k: usize| self.slope[k].times(share(u)).plus(right.slope[k].times(share(v)));
-                Enclosure { value, slope: [slope(0), slope(1)], jumps: self.jumps || right.jumps }
+                let value = Interval::of([least, u.magnitude().hypot(v.magnitude())]).positive();
+                let inverse = value.inverse();
+                let partial = [u, v].map(|side| side.times(inverse).within(Interval::UNIT));
+                self.combine(right, middle, value, partial).kinked(least == 0.0)
             }
-            Binary::Mod => self.remainder(right),
-            Binary::Less => Enclosure::condition(self.is_less(right)),
-            Binary::GreaterEqual => Enclosure::condition(negated(self.is_less(right))),
-            Binary::Greater => Enclosure::condition(right.is_less(self)),
-            Binary::LessEqual => Enclosure::condition(negated(right.is_less(self))),
-            Binary::Equal => Enclosure::condition(self.is_equal(right)),
-            Binary::NotEqual => Enclosure::condition(negated(self.is_equal(right))),
-            Binary::And => self.steps(Interval { low: u.low.min(v.low), high: u.high.min(v.high) }),
-            Binary::Or => self.steps(Interval { low: u.low.max(v.low), high: u.high.max(v.high) }),
+            Binary::Mod => {
+                let turns = self.binary(Binary::Divide, right).unary(Unary::Floor);
+                let rest = self.binary(Binary::Subtract, right.binary(Binary::Multiply, turns));
+                let range = Interval { low: v.low.min(0.0), high: v.high.max(0.0) };
+                Enclosure { middle, value: rest.value.within(range), ..rest }
+            }
+            Binary::Less => condition(u.high < v.low, u.low < v.high),
+            Binary::LessEqual => condition(u.high <= v.low, u.low <= v.high),
+            Binary::Greater | Binary::GreaterEqual => {
+                let mirrored = if op == Binary::Greater { Binary::Less } else { Binary::LessEqual };
+                right.binary(mirrored, self)
+            }
+            Binary::Equal => {
+                let flat = !self.binary(Binary::Subtract, right).is_nowhere_flat();
+                condition(u.is_point() && u == v, u.low <= v.high && v.low <= u.high && flat)
+            }
+            Binary::NotEqual => self.binary(Binary::Equal, right).unary(Unary::Not),
+            Binary::And => Self::steps(middle, u.each(v, f64::min)),
+            Binary::Or => Self::steps(middle, u.each(v, f64::max)),
         }
     }
 
     fn select(self, yes: Self, no: Self) -> Self {
-        if self.value.is_point() {
-            return if self.value.low == 0.0 { no } else { yes };
+        if self.value.low == 1.0 {
+            return yes;
         }
-        let value = yes.value.hull(no.value);
         // Where both branches are the same number, the condition does not matter.
-        if value.is_point() { yes } else { Enclosure { value, slope: [Interval::ALL; 2], jumps: true } }
-    }
-}
-
-/// Number with a record of the branch taken at every jump and kink.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sided {
-    value: f64,
-    side: u64,
-}
-
-impl Sided {
-    pub(super) fn side(self) -> u64 {
-        self.side
-    }
-
-    /// Records one more branch, by a number of its own (FNV-1a hash).
-    fn choose(self, value: f64, choice: f64) -> Sided {
-        Sided { value, side: hash::extend(self.side, choice.to_bits()) }
-    }
-
-    fn mix(self, other: Sided) -> u64 {
-        if other.side == 0 { self.side } else { self.side.rotate_left(17) ^ other.side }
-    }
-}
-
-impl Number for Sided {
-    fn constant(value: f64) -> Self {
-        Sided { value, side: 0 }
-    }
-
-    fn unary(self, op: Unary) -> Self {
-        let value = self.value.unary(op);
-        match op {
-            Unary::Abs => self.choose(value, f64::from(self.value.is_sign_negative())),
-            Unary::Sign | Unary::Floor | Unary::Ceil | Unary::Round | Unary::Step => {
-                self.choose(value, value)
-            }
-            // Only the outcome of a condition counts.
-            Unary::Not => Sided { value, side: 0 },
-            _ => Sided { value, ..self },
+        if self.value.high == 0.0 || yes.is_constant() && yes == no {
+            return no;
         }
-    }
-
-    fn binary(self, op: Binary, right: Self) -> Self {
-        let value = self.value.binary(op, right.value);
-        let both = Sided { value, side: self.mix(right) };
-        match op {
-            Binary::Min => if self.value < right.value { self } else { right }
-                .choose(value, f64::from(self.value < right.value)),
-            Binary::Max => if self.value > right.value { self } else { right }
-                .choose(value, f64::from(self.value > right.value)),
-            Binary::Mod => both.choose(value, (self.value / right.value).floor()),
-            Binary::Atan2 if right.value < 0.0 => {
-                both.choose(value, f64::from(self.value.is_sign_negative()))
-            }
-            Binary::Less
-            | Binary::LessEqual
-            | Binary::Greater
-            | Binary::GreaterEqual
-            | Binary::Equal
-            | Binary::NotEqual
-            | Binary::And
-            | Binary::Or => Sided { value, side: 0 },
-            _ => both,
-        }
-    }
-
-    fn select(self, yes: Self, no: Self) -> Self {
-        let branch = if self.value == 0.0 { no } else { yes };
-        branch.choose(self.value.select(yes.value, no.value), f64::from(self.value != 0.0))
+        let middle = self.middle.select(yes.middle, no.middle);
+        Enclosure { course: Course::Jump, ..yes.either(no, middle, yes.value.hull(no.value)) }
     }
 }

@@ -40,6 +40,7 @@
 mod breaks;
 mod code;
 mod enclosure;
+mod interval;
 mod jet;
 mod names;
 mod parameters;
@@ -47,7 +48,7 @@ mod parse;
 mod print;
 mod sampling;
 mod separate;
-mod span;
+mod sided;
 mod table;
 
 use std::fmt::{self, Display};
@@ -58,8 +59,8 @@ use serde::{Serialize, Serializer};
 use crate::geometry::Point;
 pub use breaks::{Break, Breaks, MOST_LOOKS};
 use code::{Binary, Instruction, LANES, Lanes, Number, Stack, Unary};
-use enclosure::Sided;
-pub use enclosure::{Enclosure, Interval};
+pub use enclosure::Enclosure;
+pub use interval::{Interval, NOTHING};
 pub use jet::Derivatives;
 use names::Name;
 pub use names::Names;
@@ -67,6 +68,7 @@ pub use parameters::Parameters;
 use parse::Kind;
 pub use parse::check_parameter;
 pub use sampling::{Missed, WINDOW};
+use sided::Sided;
 pub use table::{Interpolation, Overshoot, Table};
 
 /// Length from which a quotation of the formula in a message is cut, in characters.
@@ -204,12 +206,12 @@ impl Field {
     }
 
     /// Returns bounds on the value over the rectangle between two corners (m) and between two times
-    /// (s).
-    pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure {
+    /// (s), and on its slopes along x, y and t.
+    pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure<3> {
         code::run(&self.code, &mut Stack::new(), |name| match name {
-            Name::X => Enclosure::along(0, Interval::new(low.x, high.x)),
-            Name::Y => Enclosure::along(1, Interval::new(low.y, high.y)),
-            Name::T => Enclosure { value: t, ..Enclosure::constant(0.0) },
+            Name::X => Enclosure::variable(0, low.x, high.x),
+            Name::Y => Enclosure::variable(1, low.y, high.y),
+            Name::T => Enclosure::variable(2, t.low, t.high),
         })
     }
 

@@ -1,8 +1,7 @@
 //! Detection of functions of time that the time steps do not resolve.
 
 use super::code::{Binary, Number, Stack};
-use super::span::{OutwardInterval, Span};
-use super::{Field, Interval, Names, Point, Table};
+use super::{Enclosure, Field, Interval, NOTHING, Names, Point, Table};
 use std::collections::VecDeque;
 
 /// Worst resolution of a function by the values at the ends of the time steps.
@@ -30,15 +29,13 @@ const MOST_BLOCKS: usize = 600;
 const MOST_PARTS: usize = 400;
 /// Largest number of times that one such subinterval is halved.
 const MOST_HALVINGS: u32 = 40;
-/// Outward rounding of 0.
-const NOTHING: f64 = 1e-290;
 /// Error of a part's integral relative to that of its magnitude.
 const CLOSE: f64 = 1e-3;
 
 /// Function of time with known bounds over any interval.
 trait Bounded {
     fn value(&self, t: f64) -> f64;
-    fn span(&self, from: f64, to: f64) -> Span;
+    fn span(&self, from: f64, to: f64) -> Enclosure<1>;
 }
 
 struct At<'f>(&'f Field, Point);
@@ -48,7 +45,7 @@ impl Bounded for At<'_> {
         self.0.value(self.1, t).unwrap_or(f64::NAN)
     }
 
-    fn span(&self, from: f64, to: f64) -> Span {
+    fn span(&self, from: f64, to: f64) -> Enclosure<1> {
         self.0.span(&mut Stack::new(), self.1, from, to)
     }
 }
@@ -59,40 +56,40 @@ impl Bounded for Table {
     }
 
     /// Returns the hull of the cubics between the rows, from their coefficients.
-    fn span(&self, from: f64, to: f64) -> Span {
+    fn span(&self, from: f64, to: f64) -> Enclosure<1> {
         let middle = Table::value(self, 0.5 * (from + to));
         let first = self.times.partition_point(|time| *time <= from);
         let last = self.times.partition_point(|time| *time < to);
         let ends = [from, to].map(|t| self.jet(t));
-        let mut value = OutwardInterval::hull_of(ends.iter().map(|jet| jet.value));
-        let mut rate = OutwardInterval::hull_of(ends.iter().map(|jet| jet.first));
+        let mut value = Interval::of(ends.map(|jet| jet.value));
+        let mut rate = Interval::of(ends.map(|jet| jet.first));
         for piece in first.saturating_sub(1)..last.min(self.pieces.len()) {
             let [a, b, c, d] = self.pieces[piece];
             let low = (from - self.times[piece]).max(0.0);
             let high = to.min(self.times[piece + 1]) - self.times[piece];
             let turn = if d == 0.0 { low } else { (-c / (3.0 * d)).clamp(low, high) };
             let slope = |s: f64| b + s * (2.0 * c + s * 3.0 * d);
-            rate = rate.hull(OutwardInterval::hull_of([low, high, turn].map(slope)));
+            rate = rate.hull(Interval::of([low, high, turn].map(slope)));
             let at = |s: f64| a + s * (b + s * (c + s * d));
             let way = 0.5 * (high - low) * rate.magnitude();
             let centre = at(0.5 * (low + high));
-            value = value.hull(OutwardInterval::hull_of([centre - way, centre + way]));
+            value = value.hull(Interval::of([centre - way, centre + way]));
         }
-        Span::smooth(middle, value, rate, 0.5 * (to - from))
+        Enclosure::smooth(middle, value, [rate.times(Interval::point(0.5 * (to - from)))])
     }
 }
 
 impl Field {
     /// Returns bounds on the values at a point (m) between two instants (s).
     pub fn range(&self, at: Point, from: f64, to: f64) -> Interval {
-        At(self, at).span(from, to).value.into()
+        At(self, at).span(from, to).value
     }
 }
 
 impl Table {
     /// Returns bounds on the values between two instants (s).
     pub fn range(&self, from: f64, to: f64) -> Interval {
-        Bounded::span(self, from, to).value.into()
+        Bounded::span(self, from, to).value
     }
 }
 
@@ -107,8 +104,8 @@ impl Bounded for Less<'_> {
         self.of.value(t) - self.less
     }
 
-    fn span(&self, from: f64, to: f64) -> Span {
-        self.of.span(from, to).binary(Binary::Subtract, Span::constant(self.less))
+    fn span(&self, from: f64, to: f64) -> Enclosure<1> {
+        self.of.span(from, to).binary(Binary::Subtract, Enclosure::constant(self.less))
     }
 }
 
@@ -149,9 +146,9 @@ fn missed(of: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
         if span.middle.is_finite() {
             largest = largest.max(span.middle.abs());
         }
-        let OutwardInterval { low, high } = span.rate;
         let least = span.value.least_magnitude();
-        let most = if span.breaks { f64::INFINITY } else { 0.125 * step * (high - low) };
+        let half = 0.5 * (instant(end) - instant(first));
+        let most = if span.breaks() { f64::INFINITY } else { 0.125 * step * span.slope[0].width() / half };
         if span.value.magnitude() <= NOTHING {
             continue;
         }
@@ -264,8 +261,7 @@ fn integral(of: &dyn Bounded, from: f64, to: f64) -> [f64; 2] {
         let span = of.span(low, high);
         let length = high - low;
         parts += 1;
-        let error =
-            if span.breaks { f64::INFINITY } else { 0.125 * length * (span.rate.high - span.rate.low) };
+        let error = if span.breaks() { f64::INFINITY } else { 0.25 * span.slope[0].width() };
         let scale = span.middle.abs().max(magnitude / (to - from));
         let still = span.value.magnitude() <= NOTHING;
         if still || error <= CLOSE * scale || halvings == MOST_HALVINGS || parts > MOST_PARTS {

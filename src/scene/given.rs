@@ -244,7 +244,7 @@ impl FieldInput {
     }
 
     /// Encloses the values over the rectangle between two corners (m) and between two times (s).
-    pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure {
+    pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure<3> {
         let (field, factor) = self.place(t.low);
         field.enclose(low, high, t).scaled(factor)
     }
@@ -272,7 +272,7 @@ impl Integrand for Still<'_> {
         self.given.values(points, self.t, values)
     }
 
-    fn enclose(&self, low: Point, high: Point) -> Enclosure {
+    fn enclose(&self, low: Point, high: Point) -> Enclosure<3> {
         self.given.enclose(low, high, Interval::point(self.t))
     }
 
@@ -293,10 +293,8 @@ impl Integrand for Vec<Still<'_>> {
         Ok(())
     }
 
-    fn enclose(&self, low: Point, high: Point) -> Enclosure {
-        let mut all = self.iter().map(|of| of.enclose(low, high));
-        let first = all.next().unwrap_or(Enclosure::ZERO);
-        all.fold(first, Enclosure::plus)
+    fn enclose(&self, low: Point, high: Point) -> Enclosure<3> {
+        self.iter().map(|of| of.enclose(low, high)).fold(Enclosure::ZERO, Enclosure::plus)
     }
 
     fn side(&self, at: Point) -> u64 {

@@ -26,7 +26,9 @@ fn breaks_are_found_to_rounding() {
     };
     let triangle: Vec<_> =
         (0..5).map(|k| ((0.5 + f64::from(k)) * PI / 3.0, 0.0, if k % 2 == 0 { -6.0 } else { 6.0 })).collect();
+    let signs = (1..=9).map(|k| (0.1 * f64::from(k), if k % 2 == 0 { 2.0 } else { -2.0 }, 0.0)).collect();
     let cases: Vec<(&str, f64, Vec<Expected>)> = vec![
+        ("(-1)^floor(10*t)", 0.95, signs),
         ("0.1*max(0, t - 0.01)", 1.0, vec![(0.01, 0.0, 0.1)]),
         ("0.1*max(t - 0.01, 0)", 1.0, vec![(0.01, 0.0, 0.1)]),
         ("-2*min(t, 0.5, 1 - t)", 1.0, vec![(0.5, 0.0, 4.0)]),

@@ -2,9 +2,10 @@
 //!
 //! The file `data/formulas.json` has the reference values; `data/README.md` names their source.
 
+use crate::common::Random;
 use crate::common::clock::processor_seconds;
 use proptest::prelude::*;
-use rebond::field::{Condition, Derivatives, Field, Interpolation, Names, Signal, Table};
+use rebond::field::{Condition, Derivatives, Field, Interpolation, Interval, Names, Signal, Table};
 use rebond::mesh::Point;
 use serde_json::Value;
 
@@ -411,4 +412,97 @@ fn faults_of_tables_name_the_line() {
     }
     let error = Table::read("no/such.csv".as_ref(), Interpolation::Linear).unwrap_err();
     assert_eq!(error.exit_code(), 4);
+}
+
+/// Returns a formula of x, y and t with every operation, nested `depth` times. It is added to
+/// `parts` after its own parts.
+fn any_formula(random: &mut Random, depth: usize, parts: &mut Vec<Field>) -> String {
+    fn pick<'a>(random: &mut Random, words: &[&'a str]) -> &'a str {
+        words[random.below(words.len())]
+    }
+    let mut part = |random: &mut Random| any_formula(random, depth - 1, parts);
+    let text = match random.below(if depth == 0 { 3 } else { 24 }) {
+        0 => pick(random, &["0", "1", "2", "0.3", "0.5", "-0.7", "3"]).into(),
+        1 | 2 => pick(random, &["x", "y", "t"]).into(),
+        3..12 => {
+            let trigonometric = ["sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh"];
+            let others = ["exp", "ln", "log10", "sqrt", "abs", "sign", "floor", "ceil", "round", "step", "-"];
+            let function = pick(random, &[&trigonometric[..], &others].concat());
+            format!("({function}({}))", part(random))
+        }
+        12..15 => {
+            let n = pick(random, &["2", "3", "4", "0", "1", "-1", "-2", "0.5", "1.5", "-0.5"]);
+            format!("({})^({n})", part(random))
+        }
+        15..19 => {
+            let op = pick(random, &["+", "-", "*", "/", "^"]);
+            format!("(({}) {op} ({}))", part(random), part(random))
+        }
+        19..22 => {
+            let function = pick(random, &["min", "max", "hypot", "atan2", "mod"]);
+            format!("{function}({}, {})", part(random), part(random))
+        }
+        _ => {
+            let relation = pick(random, &["<", "<=", ">", ">=", "==", "!="]);
+            let join = pick(random, &["and", "or", "and not"]);
+            let [a, b, yes, no] = [(); 4].map(|()| part(random));
+            format!("if({a} {relation} {b} {join} x > 0.4, {yes}, {no})")
+        }
+    };
+    parts.extend(Field::parse(&text, Names::XYT));
+    text
+}
+
+#[test]
+fn bounds_hold_at_every_point() {
+    let mut random = Random::new(7);
+    let (mut values, mut slopes) = (0, 0);
+    for _ in 0..20_000 {
+        let mut parts = Vec::new();
+        let text = any_formula(&mut random, 4, &mut parts);
+        let Ok(field) = Field::parse(&text, Names::XYT) else { continue };
+        let starts: [f64; 3] = std::array::from_fn(|_| (10.0 * random.signed()).round() / 10.0);
+        let sizes: [f64; 3] = std::array::from_fn(|_| [0.0, 1e-6, 1e-3, 0.1, 0.1, 0.5, 2.0][random.below(7)]);
+        let at = |shares: [f64; 3]| -> (Point, f64) {
+            let [x, y, t] = std::array::from_fn(|k| starts[k] + shares[k] * sizes[k]);
+            (Point::new(x, y), t)
+        };
+        let ((low, from), (high, to)) = (at([0.0; 3]), at([1.0; 3]));
+        let bounds = field.enclose(low, high, Interval { low: from, high: to });
+        let in_time = field.range(low, from, to);
+        // Bounds over a rectangle hold except on lines, where two numbers may be equal.
+        let has_equality = text.contains("==") || text.contains("!=");
+        let assert_holds = |bounds: Interval, value: f64, (place, t): (Point, f64)| {
+            let slack = 1e-9 * (1.0 + value.abs());
+            let holds = bounds.low - slack <= value && value <= bounds.high + slack;
+            assert!(holds, "{text} at {place}, t = {t:?}: {value:?}, expected in {bounds:?}");
+        };
+        for _ in 0..30 {
+            let is_corner = random.below(2) == 0;
+            let share = |_| if is_corner { random.below(2) as f64 } else { random.unit() };
+            let (place, t) = at(std::array::from_fn(share));
+            let is_finite = |place: Point| parts.iter().all(|part| part.value(place, t).is_ok());
+            if let Ok(value) = field.value(low, t)
+                && is_finite(low)
+            {
+                assert_holds(in_time, value, (low, t));
+            }
+            let Ok(value) = field.value(place, t) else { continue };
+            if has_equality || !is_finite(place) {
+                continue;
+            }
+            assert_holds(bounds.value, value, (place, t));
+            values += usize::from(bounds.value.magnitude().is_finite());
+            if let Ok([_, gradient @ ..]) = field.gradient(place, t)
+                && !is_corner
+                && !bounds.jumps()
+            {
+                slopes += 1;
+                (0..2).for_each(|k| {
+                    assert_holds(bounds.slope[k], 0.5 * sizes[k] * gradient[k], (place, t));
+                });
+            }
+        }
+    }
+    assert!(values > 100_000 && slopes > 50_000, "{values} values, {slopes} slopes");
 }

@@ -67,8 +67,8 @@ impl Integrand for Window<'_> {
         self.pressure.values(points, self.from, values)
     }
 
-    fn enclose(&self, low: Point, high: Point) -> Enclosure {
-        self.pressure.enclose(low, high, Interval::new(self.from, self.to))
+    fn enclose(&self, low: Point, high: Point) -> Enclosure<3> {
+        self.pressure.enclose(low, high, Interval { low: self.from, high: self.to })
     }
 
     fn side(&self, at: Point) -> u64 {
@@ -191,7 +191,7 @@ impl TimedResultant {
         for (time, of) in &self.0 {
             let range = time.range(Point::origin(), from, to);
             for (sum, part) in sums.iter_mut().zip(of.parts(arm)) {
-                *sum = sum.plus(range.scaled(part));
+                *sum = sum.plus(range.times(Interval::point(part)));
             }
         }
         sums.iter().map(|sum| sum.magnitude()).sum()
