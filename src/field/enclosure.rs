@@ -90,13 +90,17 @@ impl<const N: usize> Enclosure<N> {
     }
 
     /// Returns f(u, v), given its value at the middle and bounds on f and its partial derivatives.
+    #[inline]
     fn combine(self, right: Self, middle: f64, value: Interval, partial: [Interval; 2]) -> Self {
         // Such as a product with 0.
         if value.is_point() {
             return Self::steps(middle, value);
         }
         let [u, v] = partial;
-        let slope = array::from_fn(|k| self.slope[k].times(u).plus(right.slope[k].times(v)));
+        let slope = array::from_fn(|k| match (self.slope[k], right.slope[k]) {
+            (Interval::ZERO, Interval::ZERO) => Interval::ZERO,
+            (a, b) => a.times(u).plus(b.times(v)),
+        });
         let passed = |partial: Interval, error: f64| match error {
             0.0 => 0.0,
             _ => 2.0 * partial.magnitude() * error,
@@ -107,11 +111,13 @@ impl<const N: usize> Enclosure<N> {
     }
 
     /// Returns f(u), given its value at the middle and bounds on f and f'.
+    #[inline]
     fn chain(self, middle: f64, value: Interval, derivative: Interval) -> Self {
         self.combine(Self::ZERO, middle, value, [derivative, Interval::ZERO])
     }
 
     /// Tightens the bounds on a continuous number by its value at the middle and its slopes.
+    #[inline]
     fn tightened(mut self) -> Self {
         let change: f64 = self.slope.iter().map(|slope| slope.magnitude()).sum();
         let way = (1.0 + ROUNDING) * (change + self.error);

@@ -22,6 +22,7 @@ pub struct Interval {
 }
 
 /// Returns a lower bound on a number of which this is the rounded value.
+#[inline]
 fn below(value: f64) -> f64 {
     // An infinite value may be the overflow of any larger number.
     (value - ROUNDING * value.abs()).min(f64::MAX) - f64::MIN_POSITIVE
@@ -41,6 +42,7 @@ impl Interval {
 
     /// Returns the interval of some numbers, enlarged by their rounding errors; all numbers if one
     /// of them is NaN.
+    #[inline]
     pub(super) fn of<const K: usize>(values: [f64; K]) -> Interval {
         if values.iter().any(|value| value.is_nan()) {
             return Interval::ALL;
@@ -56,6 +58,7 @@ impl Interval {
     }
 
     /// Returns the largest magnitude.
+    #[inline]
     pub fn magnitude(self) -> f64 {
         self.high.abs().max(self.low.abs())
     }
@@ -78,6 +81,7 @@ impl Interval {
     }
 
     /// Returns the intersection of both, or this interval where rounding leaves it empty.
+    #[inline]
     pub(super) fn within(self, other: Interval) -> Interval {
         let (low, high) = (self.low.max(other.low), self.high.min(other.high));
         if low <= high { Interval { low, high } } else { self }
@@ -94,6 +98,7 @@ impl Interval {
     }
 
     /// Returns the image under a monotonic function.
+    #[inline]
     pub(super) fn map(self, function: impl Fn(f64) -> f64) -> Interval {
         Interval::of([function(self.low), function(self.high)])
     }
@@ -108,6 +113,7 @@ impl Interval {
     }
 
     /// Returns the sum.
+    #[inline]
     pub fn plus(self, other: Interval) -> Interval {
         if self == Interval::ZERO {
             return other;
@@ -119,6 +125,7 @@ impl Interval {
     }
 
     /// Returns the product.
+    #[inline]
     pub fn times(self, other: Interval) -> Interval {
         if self == Interval::ZERO || other == Interval::ZERO {
             return Interval::ZERO;
@@ -146,7 +153,10 @@ impl Interval {
         if n < 0.0 {
             return self.power(-n).inverse();
         }
-        let raise = |u: f64| u.powf(n);
+        if n == 1.0 {
+            return self;
+        }
+        let raise = |u: f64| if n == 2.0 { u * u } else { u.powf(n) };
         if n % 2.0 == 1.0 {
             self.map(raise)
         } else if n % 2.0 == 0.0 {
