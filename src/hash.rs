@@ -38,14 +38,9 @@ impl LongHash {
         }
     }
 
-    /// Adds a whole number.
-    pub fn add_count(&mut self, number: usize) {
-        self.add(&(number as u64).to_le_bytes());
-    }
-
     /// Adds the bits of numbers, after their count.
     pub fn add_numbers(&mut self, numbers: &[f64]) {
-        self.add_count(numbers.len());
+        self.add(&(numbers.len() as u64).to_le_bytes());
         numbers.iter().for_each(|number| self.add(&number.to_bits().to_le_bytes()));
     }
 }

@@ -1,11 +1,12 @@
 //! Reading of files that a user names: plain files only, whole, and of a bounded size; and opening
-//! of files that the program writes.
+//! and writing of files of the program.
 
 use crate::error::{Error, Result};
 use crate::memory;
+use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions};
-use std::io::{self, Read};
-use std::path::Path;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
 
 /// Largest size of a scene file, in bytes.
 pub const LARGEST_SCENE: u64 = 4_000_000;
@@ -92,4 +93,55 @@ pub fn require_file(found: &Metadata) -> io::Result<()> {
         _ => "a device, pipe or socket",
     };
     Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{kind}; expected a file")))
+}
+
+/// Returns the files of a folder with what a function reads from their names, if it reads anything;
+/// none where the folder cannot be read.
+pub fn files_of<T>(folder: &Path, read: impl Fn(&str) -> Option<T>) -> Vec<(T, PathBuf)> {
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let named = |path: PathBuf| Some((read(path.file_name()?.to_str()?)?, path));
+    entries.filter_map(|entry| named(entry.path())).collect()
+}
+
+/// Writes a file whole or not at all.
+///
+/// The bytes go to a temporary file in the same folder, are written to the disk, and take the name
+/// in one atomic step. Neither a reader nor an interrupted run sees a part of the file. On failure
+/// the temporary file is removed, and the file that had the name before stays.
+///
+/// # Errors
+/// Returns [`Error::Io`] naming the file.
+pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
+    write_whole(path, bytes, &mut File::options())
+}
+
+/// Writes a file like [`write_atomic`], which is created with some options.
+///
+/// # Errors
+/// Returns [`Error::Io`] naming the file.
+pub fn write_whole(path: &Path, bytes: &[u8], options: &mut OpenOptions) -> Result<()> {
+    let temporary = temporary_name(path);
+    let mut attempt = || -> io::Result<()> {
+        let mut file = open_plain(options.create(true).truncate(true).write(true), &temporary)?;
+        file.write_all(bytes)?;
+        file.sync_all()?;
+        fs::rename(&temporary, path)?;
+        // The new name is in the folder, which must reach the disk too. Some file systems refuse
+        // this.
+        let _ = path.parent().map(|folder| File::open(folder).and_then(|folder| folder.sync_all()));
+        Ok(())
+    };
+    attempt().map_err(|error| {
+        let _ = fs::remove_file(&temporary);
+        Error::io(path)(error)
+    })
+}
+
+/// Returns `folder/.name.<process id>.tmp` for `folder/name`: hidden, and not shared between
+/// processes.
+fn temporary_name(path: &Path) -> PathBuf {
+    let mut name = OsString::from(".");
+    name.push(path.file_name().unwrap_or_default());
+    name.push(format!(".{}.tmp", std::process::id()));
+    path.with_file_name(name)
 }

@@ -102,6 +102,14 @@ pub fn size(bytes: u64) -> String {
     if value >= 100.0 { format!("{value:.0} {unit}") } else { format!("{value:.1} {unit}") }
 }
 
+/// Formats an integer in groups of three digits: `1 234 567`.
+pub fn grouped(value: u64) -> String {
+    let digits = value.to_string();
+    let groups: Vec<&str> =
+        digits.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap()).collect();
+    groups.join(" ")
+}
+
 /// Folders where Linux shows its limits.
 struct Sources {
     /// Folder of processes, `/proc`.

@@ -12,8 +12,7 @@ use rebond::assembly::Probe;
 use rebond::dof_map::PER_NODE;
 use rebond::linalg::{Engine, Form};
 use rebond::mesh::Point;
-use rebond::modes;
-use rebond::output::kept_modes::{self, KeptModes, LIMIT};
+use rebond::modes::{self, Store, cache_folder};
 use rebond::simulation;
 use std::env;
 use std::f64::consts::TAU;
@@ -127,10 +126,9 @@ fn mass_modes(host: &Host) -> rebond::Result<MassModes> {
 /// returns the folder; an empty name keeps none.
 #[pyfunction]
 pub fn keep_modes(folder: Option<PathBuf>) -> Option<PathBuf> {
-    let folder = folder.or_else(|| kept_modes::folder(|name| env::var_os(name)));
+    let folder = folder.or_else(|| cache_folder(|name| env::var_os(name)));
     let folder = folder.filter(|folder| !folder.as_os_str().is_empty());
-    let store = |folder: &PathBuf| Arc::new(KeptModes::new(folder, LIMIT)) as Arc<dyn modes::BasisStore>;
-    modes::keep_in(folder.as_ref().map(store));
+    modes::keep_in(folder.as_ref().map(|folder| Arc::new(Store::new(folder))));
     folder
 }
 

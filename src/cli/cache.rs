@@ -1,7 +1,6 @@
 //! Cache of natural modes, for commands that build models.
 
-use crate::modes;
-use crate::output::kept_modes::{self, KeptModes, LIMIT};
+use crate::modes::{self, Store, cache_folder};
 use clap::Args;
 use std::env;
 use std::sync::Arc;
@@ -16,24 +15,24 @@ pub(super) struct CacheArgs {
 
 /// Cache that the models of a command use, until it is dropped.
 pub(super) struct ModeCache {
-    kept: Option<Arc<KeptModes>>,
+    store: Option<Arc<Store>>,
     is_silent: bool,
 }
 
 impl CacheArgs {
     /// Makes models keep their modes, unless the arguments or the environment forbid it.
     pub fn open(self, is_silent: bool) -> ModeCache {
-        let folder = if self.no_cache { None } else { kept_modes::folder(|name| env::var_os(name)) };
-        let kept = folder.map(|folder| Arc::new(KeptModes::new(folder, LIMIT)));
-        modes::keep_in(kept.clone().map(|kept| kept as Arc<dyn modes::BasisStore>));
-        ModeCache { kept, is_silent }
+        let folder = if self.no_cache { None } else { cache_folder(|name| env::var_os(name)) };
+        let store = folder.map(|folder| Arc::new(Store::new(folder)));
+        modes::keep_in(store.clone());
+        ModeCache { store, is_silent }
     }
 }
 
 impl ModeCache {
     /// Passes lines on what was read and written to `say`, unless in quiet mode.
     pub fn tell(&self, say: impl Fn(&str)) {
-        let lines = self.kept.iter().flat_map(|kept| kept.take_lines());
+        let lines = self.store.iter().flat_map(|store| store.take_lines());
         lines.filter(|_| !self.is_silent).for_each(|line| say(&line));
     }
 }

@@ -16,12 +16,14 @@ mod kept;
 mod kept_columns;
 mod krylov;
 pub(crate) mod lanczos;
+mod store;
 
 pub use basis::{ModalBasis, ModeRange, lowest_basis};
 pub(crate) use dense::modes_with_mass;
 pub(crate) use kept::kept_basis;
-pub use kept::{BasisStore, KeptKind, KeptSize, keep_in};
 pub(crate) use kept_columns::KeptColumns;
+pub(crate) use store::current_store;
+pub use store::{Store, cache_folder, keep_in};
 
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{aypx, hadamard};

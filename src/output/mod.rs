@@ -7,7 +7,6 @@
 //! - [`reactions`] for `reactions.csv`,
 //! - [`events`] for `events.csv`,
 //! - [`checkpoint`] for `checkpoint-*.bin`,
-//! - [`kept_modes`] for natural modes kept between runs,
 //! - [`claim`] for the exclusive right to write into a folder,
 //! - [`vtu`] for `fields.pvd` and its snapshots,
 //! - [`summary`] for `summary.json`, and [`resolved`] for the scene in it,
@@ -24,7 +23,6 @@ pub mod contacts;
 pub mod events;
 pub mod extremes;
 pub mod history;
-pub mod kept_modes;
 pub mod matrix_market;
 pub mod plot;
 pub mod progress;
@@ -40,8 +38,8 @@ mod vtk_xml;
 use crate::error::{Error, Result};
 use crate::hash::Extent;
 use crate::input;
-use std::ffi::OsString;
-use std::fs::{self, File, OpenOptions};
+pub use crate::input::write_atomic;
+use std::fs::{self, File};
 use std::io::{self, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -144,54 +142,13 @@ fn require_same(path: &Path, written: Extent) -> Result<()> {
     Err(Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, wrong)))
 }
 
-/// Writes a file whole or not at all.
-///
-/// The bytes go to a temporary file in the same folder, are written to the disk, and take the name
-/// in one atomic step. Neither a reader nor an interrupted run sees a part of the file. On failure
-/// the temporary file is removed, and the file that had the name before stays.
-pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
-    write_whole(path, bytes, &mut File::options())
-}
-
-/// Writes a file like [`write_atomic`], which nobody else may write to.
-fn write_private(path: &Path, bytes: &[u8]) -> Result<()> {
-    let mut options = File::options();
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o644);
-    write_whole(path, bytes, &mut options)
-}
-
-fn write_whole(path: &Path, bytes: &[u8], options: &mut OpenOptions) -> Result<()> {
-    let temporary = temporary_name(path);
-    let mut attempt = || -> io::Result<()> {
-        let mut file = input::open_plain(options.create(true).truncate(true).write(true), &temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        fs::rename(&temporary, path)?;
-        // The new name is in the folder, which must reach the disk too. Some file systems refuse
-        // this.
-        let _ = path.parent().map(|folder| File::open(folder).and_then(|folder| folder.sync_all()));
-        Ok(())
-    };
-    attempt().map_err(|error| {
-        let _ = fs::remove_file(&temporary);
-        Error::io(path)(error)
-    })
-}
-
 /// Removes the temporary files that killed processes left in a folder.
 ///
 /// # Errors
 /// Returns [`Error::Io`] where a file cannot be removed.
 pub fn sweep(folder: &Path) -> Result<()> {
-    let Ok(entries) = fs::read_dir(folder) else { return Ok(()) };
-    for path in entries.flatten().map(|entry| entry.path()) {
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if name.starts_with('.') && name.ends_with(".tmp") {
-            remove(&path)?;
-        }
-    }
-    Ok(())
+    let is_left = |name: &str| (name.starts_with('.') && name.ends_with(".tmp")).then_some(());
+    input::files_of(folder, is_left).iter().try_for_each(|((), path)| remove(path))
 }
 
 /// Removes a file, if it exists.
@@ -200,13 +157,4 @@ pub(crate) fn remove(path: &Path) -> Result<()> {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::io(path)(error)),
         _ => Ok(()),
     }
-}
-
-/// Returns `folder/.name.<process id>.tmp` for `folder/name`: hidden, and not shared between
-/// processes.
-fn temporary_name(path: &Path) -> PathBuf {
-    let mut name = OsString::from(".");
-    name.push(path.file_name().unwrap_or_default());
-    name.push(format!(".{}.tmp", std::process::id()));
-    path.with_file_name(name)
 }

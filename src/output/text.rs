@@ -1,5 +1,6 @@
 //! Aligned text for reports and tables.
 
+pub use crate::memory::grouped;
 use std::fmt;
 
 /// Rows of label, value and unit, with the numbers aligned on their decimal points.
@@ -191,12 +192,4 @@ pub fn two_digits(value: f64) -> String {
 
 fn without_idle_zeros(decimal: &str) -> &str {
     if decimal.contains('.') { decimal.trim_end_matches('0').trim_end_matches('.') } else { decimal }
-}
-
-/// Formats an integer in groups of three digits: `1 234 567`.
-pub fn grouped(value: u64) -> String {
-    let digits = value.to_string();
-    let groups: Vec<&str> =
-        digits.as_bytes().rchunks(3).rev().map(|group| str::from_utf8(group).unwrap()).collect();
-    groups.join(" ")
 }

@@ -155,17 +155,12 @@ fn modes_of_others_and_wrong_ones_are_not_believed() {
     run(&folder, "first", &[]);
     let [file] = &kept(&folder)[..] else { panic!("{:?}", kept(&folder)) };
     let whole = fs::read(file).unwrap();
-    let wrong = |first: usize, factor: f64| {
-        let mut bytes = whole[..whole.len() - 4].to_vec();
-        for number in bytes[first..first + 8 * 15].as_chunks_mut::<8>().0 {
-            *number = (factor * f64::from_le_bytes(*number)).to_le_bytes();
-        }
-        bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
-        bytes
-    };
-    // The squared frequencies follow the first line, the key and four counts.
-    let start = whole.iter().position(|byte| *byte == b'\n').unwrap() + 1 + 16 + 32;
-    fs::write(file, wrong(start, 1.3)).unwrap();
+    let mut wrong = whole[..whole.len() - 4].to_vec();
+    // The first squared frequency follows the key, two counts, the next one and a count.
+    let (square, _) = wrong[16 + 2 + 8 + 1..].split_first_chunk_mut().unwrap();
+    *square = (1.3 * f64::from_le_bytes(*square)).to_le_bytes();
+    wrong.extend(crc32fast::hash(&wrong).to_le_bytes());
+    fs::write(file, wrong).unwrap();
     let said = run(&folder, "again", &[]);
     assert!(said.contains("damaged; the modes are computed and written again"), "{said}");
     assert_eq!(fs::read(file).unwrap(), whole);

@@ -23,8 +23,7 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{axpy, dot, subtract};
 use crate::linalg::{Engine, Factor, Form, MassModes};
-use crate::modes::KeptColumns;
-use crate::random::golden_vector;
+use crate::modes::{KeptColumns, current_store};
 use crate::scheme::System;
 use faer::Mat;
 use std::cell::RefCell;
@@ -82,7 +81,7 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
             shift,
             factor: engine.factor(&sum, &[])?.into(),
             rounds: 1,
-            kept: KeptColumns::new(modes.key, engine.dofs(), 2 * modes.count()).into(),
+            kept: KeptColumns::new(current_store().zip(modes.key), engine.dofs(), 2 * modes.count()).into(),
         };
         saddle.rounds = saddle.rounds_needed()?;
         Ok(saddle)

@@ -3,7 +3,7 @@
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::{CellForm, Engine, Form, MassModes};
-use crate::modes::{self, ModalBasis, ModeRange};
+use crate::modes::{self, ModeRange};
 use crate::scheme::ModalDamping;
 
 /// Number of modes that carry the inertia where the scene does not say. On the paper's plate they
@@ -50,8 +50,9 @@ pub(super) fn modal_mass<E: Engine>(
         return too_many("modes", count);
     }
     let range = range.unwrap_or(default);
-    let (ModalBasis { squares, shapes, momenta, next, .. }, key) =
-        modes::kept_basis(engine, stiffness, &mass, range, mechanism)?;
+    let (modes, next) =
+        modes::kept_basis(modes::current_store(), engine, [stiffness, &mass], range, mechanism)?;
+    let squares = &modes.squares;
     if matches!(range, ModeRange::UpTo(_)) && squares.len() > dofs / REFUSED {
         return too_many("up_to", squares.len());
     }
@@ -62,8 +63,8 @@ pub(super) fn modal_mass<E: Engine>(
             squares.len()
         )));
     }
-    let doubt = divided_group(&squares, next);
-    Ok((Form::Modal { consistent, modes: MassModes { squares, shapes, momenta, key }.into() }, doubt))
+    let doubt = divided_group(squares, next);
+    Ok((Form::Modal { consistent, modes: modes.into() }, doubt))
 }
 
 /// Returns a warning where the next mode has the frequency of the last ones.
