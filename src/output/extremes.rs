@@ -12,6 +12,7 @@
 use super::vtk_xml::{Array, ArrayKind, Grid, parallel};
 use super::{remove, vtu, write_atomic};
 use crate::error::{Error, Result};
+use crate::input;
 use crate::simulation::Envelope;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -59,14 +60,9 @@ pub fn write(folder: &Path, envelope: &Envelope, end: f64, [rank, ranks]: [usize
 pub fn clear(folder: &Path) -> Result<()> {
     remove(&folder.join(FILE))?;
     remove(&folder.join(PARALLEL))?;
-    let Ok(entries) = fs::read_dir(folder.join(vtu::FOLDER)) else { return Ok(()) };
-    for path in entries.flatten().map(|entry| entry.path()) {
-        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
-        if name.starts_with("extremes-") && name.ends_with(".vtu") {
-            remove(&path)?;
-        }
-    }
-    Ok(())
+    let is_piece = |name: &str| (name.starts_with("extremes-") && name.ends_with(".vtu")).then_some(());
+    let pieces = input::files_of(&folder.join(vtu::FOLDER), is_piece);
+    pieces.iter().try_for_each(|((), path)| remove(path))
 }
 
 /// Returns the file of the envelope in a run folder, if it has one.

@@ -35,6 +35,7 @@ use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, line, parallel};
 use super::{remove, sweep, write_atomic};
 use crate::error::{Error, Result};
 use crate::hash::Extent;
+use crate::input;
 use crate::simulation::{Snapshot, SnapshotStresses};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -172,14 +173,11 @@ pub fn clear(folder: &Path) -> Result<()> {
 fn pieces(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
     let folder = folder.join(FOLDER);
     sweep(&folder)?;
-    let Ok(entries) = fs::read_dir(folder) else { return Ok(Vec::new()) };
-    let piece = |path: PathBuf| {
-        let name = path.file_name()?.to_str()?;
+    let step = |name: &str| {
         let name = name.strip_suffix(".vtu").or(name.strip_suffix(".pvtu"))?.strip_prefix("step-")?;
-        let step = name.split('-').next()?.parse().ok()?;
-        Some((step, path))
+        name.split('-').next()?.parse().ok()
     };
-    Ok(entries.flatten().filter_map(|entry| piece(entry.path())).collect())
+    Ok(input::files_of(&folder, step))
 }
 
 /// Formats the file of a snapshot.

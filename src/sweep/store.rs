@@ -14,7 +14,7 @@ use crate::output::claim::refuse_foreign;
 use crate::output::{plot, remove, report, write_atomic};
 use serde_json::json;
 use std::collections::BTreeMap;
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{self, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
@@ -192,12 +192,7 @@ fn rows_of(text: &str) -> Option<(String, Vec<SweepRow>)> {
 
 /// Returns the paths of the files in a folder whose names are a number between two texts.
 fn paths_between(folder: &Path, before: &str, after: &str) -> Vec<(usize, PathBuf)> {
-    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
-    let of_name = |path: PathBuf| {
-        let name = path.file_name()?.to_str()?.strip_prefix(before)?.strip_suffix(after)?;
-        Some((name.parse().ok()?, path))
-    };
-    entries.filter_map(|entry| of_name(entry.path())).collect()
+    input::files_of(folder, |name| name.strip_prefix(before)?.strip_suffix(after)?.parse().ok())
 }
 
 /// Row as JSON, which keeps its optional entries.
