@@ -8,6 +8,7 @@
 //! number of ranks, see [`Numbering`]: each rank takes its own part, whichever rank saved it.
 
 use crate::error::{Error, Result};
+use crate::hash;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
@@ -99,6 +100,49 @@ pub fn from_bytes<T: DeserializeOwned>(bytes: &[u8]) -> Result<T> {
         Ok((value, [])) => Ok(value),
         Ok(_) => Err(unfit("too long a value")),
         Err(why) => Err(unfit(why)),
+    }
+}
+
+/// Kind of a file with one value: a line of text (kind and version), the value in postcard's
+/// format, and a little-endian CRC-32 of all that precedes.
+#[derive(Debug)]
+pub struct FileKind {
+    /// Name of the kind.
+    pub name: &'static str,
+    /// Number of the format, which increases whenever the contents of the file or their order
+    /// change.
+    pub format: u32,
+    /// Verb in messages, between the program and the file.
+    pub verb: &'static str,
+}
+
+impl FileKind {
+    /// Returns the first line of the file, without its line break.
+    fn head(&self) -> String {
+        format!("rebond {}, format {}, version {}", self.name, self.format, env!("CARGO_PKG_VERSION"))
+    }
+
+    /// Returns the bytes of the file of a value.
+    ///
+    /// # Errors
+    /// Returns the errors of [`to_bytes`].
+    pub fn to_bytes(&self, value: &impl Serialize) -> Result<Vec<u8>> {
+        let mut bytes = (self.head() + "\n").into_bytes();
+        bytes.extend(to_bytes(value)?);
+        Ok(hash::seal(bytes))
+    }
+
+    /// Returns the value in the bytes of a file. Any other bytes than those written give a message
+    /// that says what is wrong.
+    pub fn from_bytes<T: DeserializeOwned>(&self, bytes: &[u8]) -> std::result::Result<T, String> {
+        let damaged = || "damaged: not what was written".to_owned();
+        let content = hash::unseal(bytes).ok_or_else(damaged)?;
+        let end = content.iter().position(|&byte| byte == b'\n').ok_or_else(damaged)?;
+        let (line, head) = (String::from_utf8_lossy(&content[..end]), self.head());
+        if line != head {
+            return Err(format!("a {line}; this program {} a {head}", self.verb));
+        }
+        from_bytes(&content[end + 1..]).map_err(|_| damaged())
     }
 }
 

@@ -1,15 +1,14 @@
 //! Files `checkpoint-*.bin`: the state of a run between two steps, from which it can be resumed.
 //!
-//! A checkpoint consists of a line of text (kind of file and version), the data of [`Checkpoint`]
-//! in postcard's format, and a CRC-32 of both, little-endian. It is written completely or not at
-//! all, and the two newest are kept: if the disk damages one, the other remains. A finished run
-//! removes its checkpoints, so that a folder with checkpoints is that of an unfinished run, and
-//! leaves its last state in `end.state`, in the same format, from which a run to a later end
-//! continues.
+//! A file holds a [`Checkpoint`] in the form of all files with [one value](FileKind). It is written
+//! completely or not at all, and the two newest are kept: if the disk damages one, the other
+//! remains. A finished run removes its checkpoints, so that a folder with checkpoints is that of an
+//! unfinished run, and leaves its last state in `end.state`, in the same format, from which a run
+//! to a later end continues.
 
 use super::vtu::SnapshotFiles;
 use super::{contacts, events, history, reactions, remove, require_same, write_atomic};
-use crate::archive;
+use crate::archive::FileKind;
 use crate::error::{Error, Result};
 use crate::hash::{self, Extent};
 use crate::input;
@@ -21,8 +20,7 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// Version of the format, increased whenever the data of a checkpoint or their order change.
-const FORMAT: u32 = 11;
+const KIND: FileKind = FileKind { name: "checkpoint", format: 11, verb: "goes on from" };
 
 /// Name of the file with the last state of a finished run.
 pub const STATE: &str = "end.state";
@@ -117,20 +115,13 @@ impl Outputs {
     }
 }
 
-/// Returns the first line of the file.
-fn head() -> String {
-    format!("rebond checkpoint, format {FORMAT}, version {}\n", env!("CARGO_PKG_VERSION"))
-}
-
 impl Checkpoint {
     /// Serialises the checkpoint to the bytes of the file.
     ///
     /// # Errors
     /// Returns [`Error::Checkpoint`] where the data cannot be serialised.
     pub fn to_bytes(&self) -> Result<Vec<u8>> {
-        let mut bytes = head().into_bytes();
-        bytes.extend(archive::to_bytes(self)?);
-        Ok(hash::seal(bytes))
+        KIND.to_bytes(self)
     }
 
     /// Parses the bytes of a file. Damaged bytes give an error, never other data.
@@ -138,18 +129,7 @@ impl Checkpoint {
     /// # Errors
     /// Returns [`Error::Checkpoint`] where the bytes are not those of a checkpoint of this version.
     pub fn from_bytes(bytes: &[u8]) -> Result<Checkpoint> {
-        let damaged = || Error::Checkpoint("damaged: not what was written".into());
-        let content = hash::unseal(bytes).ok_or_else(damaged)?;
-        let end = content.iter().position(|&byte| byte == b'\n').ok_or_else(damaged)?;
-        let (line, content) = content.split_at(end + 1);
-        if line != head().as_bytes() {
-            return Err(Error::Checkpoint(format!(
-                "a {}; this program goes on from a {}",
-                String::from_utf8_lossy(line).trim_end(),
-                head().trim_end()
-            )));
-        }
-        archive::from_bytes(content)
+        KIND.from_bytes(bytes).map_err(Error::Checkpoint)
     }
 
     /// Writes the checkpoint to a run folder, then removes all but it and the previous one.
