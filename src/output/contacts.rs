@@ -1,10 +1,9 @@
 //! File `contacts.csv`: intervals and impulses of the contacts of single nodes; one row per
 //! contact, written when the contact ends.
 
+use super::Lines;
 use super::history::{malformed, number};
-use super::{Lines, remove};
 use crate::error::{Error, Result};
-use crate::hash::Extent;
 use crate::input;
 pub use crate::simulation::Contact;
 use std::fmt::Write as _;
@@ -16,51 +15,19 @@ use std::path::Path;
 pub const FILE: &str = "contacts.csv";
 /// Columns: index of the node; its position, m; first and last instant, s; impulse of the obstacle,
 /// N s, positive upwards.
-const HEADER: &str = "node,x,y,begin,end,impulse";
+pub(super) const HEADER: &str = "node,x,y,begin,end,impulse";
 
-/// Writer of `contacts.csv`.
-#[derive(Debug)]
-pub struct Contacts {
-    lines: Lines,
-}
-
-impl Contacts {
-    /// Creates an empty `contacts.csv` in `folder`, and the folder if necessary.
-    ///
-    /// # Errors
-    /// Returns [`Error::Io`] on a failure to write; so do the functions below.
-    pub fn create(folder: &Path) -> Result<Contacts> {
-        Ok(Contacts { lines: Lines::create(folder, FILE, HEADER)? })
-    }
-
-    /// Continues the file after what it had at a checkpoint.
-    pub fn resume(folder: &Path, written: Extent) -> Result<Contacts> {
-        Ok(Contacts { lines: Lines::resume(folder, FILE, written)? })
-    }
-
-    /// Writes all rows to the disk and returns what the file has.
-    pub fn position(&mut self) -> Result<Extent> {
-        self.lines.position()
-    }
-
-    /// Appends rows.
-    pub fn push(&mut self, contacts: &[Contact]) -> Result<()> {
-        contacts.iter().try_for_each(|&Contact { node, at: [x, y], begin, end, impulse }| {
-            self.lines.push(|line| {
-                write!(line, "{node}").expect("a string takes everything");
-                for value in [x, y, begin, end, impulse] {
-                    line.push(',');
-                    number(line, value);
-                }
-            })
+/// Appends the rows of contacts.
+pub(super) fn push(file: &mut Lines, contacts: &[Contact]) -> Result<()> {
+    contacts.iter().try_for_each(|&Contact { node, at: [x, y], begin, end, impulse }| {
+        file.push(|line| {
+            write!(line, "{node}").expect("a string takes everything");
+            for value in [x, y, begin, end, impulse] {
+                line.push(',');
+                number(line, value);
+            }
         })
-    }
-
-    /// Closes the file and returns an error if the last rows could not be written, which a mere
-    /// drop would hide.
-    pub fn finish(mut self) -> Result<()> {
-        self.lines.flush()
-    }
+    })
 }
 
 /// Reads the contacts of a run folder; `None` where there is no such file.
@@ -74,14 +41,6 @@ pub fn read(folder: &Path) -> Result<Option<Vec<Contact>>> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
         Err(error) => Err(Error::io(path)(error)),
     }
-}
-
-/// Removes the file of an earlier run.
-///
-/// # Errors
-/// Returns [`Error::Io`] where the file cannot be removed.
-pub fn clear(folder: &Path) -> Result<()> {
-    remove(&folder.join(FILE))
 }
 
 fn parse(text: &str) -> io::Result<Vec<Contact>> {

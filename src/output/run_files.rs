@@ -1,13 +1,12 @@
 //! Files of a run, written as the run advances.
 
 use super::checkpoint::{self, Checkpoint, Identity, Outputs};
-use super::contacts::{self, Contacts};
-use super::events::{self, Events};
 use super::history::{self, History};
-use super::reactions::{self, Reactions};
 use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Contents, Series};
-use super::{claim, extremes, plot, remove, report, summary, sweep, write_atomic};
+use super::{
+    Lines, claim, contacts, events, extremes, plot, reactions, remove, report, summary, sweep, write_atomic,
+};
 use crate::error::{Error, Result};
 use crate::hash::Extent;
 use crate::motion::{self, Motion};
@@ -152,11 +151,11 @@ pub struct RunFiles<'r> {
 /// Tables of a run, which only one rank writes.
 struct Tables {
     history: History,
-    contacts: Option<Contacts>,
+    contacts: Option<Lines>,
     /// Events file, for event-driven schemes.
-    events: Option<Events>,
+    events: Option<Lines>,
     /// Reactions file, for scenes with named supports.
-    reactions: Option<Reactions>,
+    reactions: Option<Lines>,
 }
 
 impl Tables {
@@ -170,26 +169,32 @@ impl Tables {
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
         let history = History::create(folder, &probes, &scene.force_columns())?;
         vtu::clear(folder)?;
-        contacts::clear(folder)?;
-        let contacts = if !scene.has_contact() { None } else { Some(Contacts::create(folder)?) };
-        events::clear(folder)?;
+        let file = |name: &str, header: &str, is_written: bool| {
+            remove(&folder.join(name))?;
+            is_written.then(|| Lines::create(folder, name, header)).transpose()
+        };
         let finds_events = scene.time.scheme.capabilities().is_event_driven;
-        let events = if finds_events { Some(Events::create(folder)?) } else { None };
-        reactions::clear(folder)?;
         let has_names = scene.supports.iter().any(|support| support.name.is_some());
-        let reactions = if has_names { Some(Reactions::create(folder)?) } else { None };
-        Ok(Tables { history, contacts, events, reactions })
+        Ok(Tables {
+            history,
+            contacts: file(contacts::FILE, contacts::HEADER, scene.has_contact())?,
+            events: file(events::FILE, events::HEADER, finds_events)?,
+            reactions: file(reactions::FILE, reactions::HEADER, has_names)?,
+        })
     }
 
     /// Truncates the files to their lengths at a checkpoint.
     fn resume(RecordedRun { scene, folder, .. }: &RecordedRun, from: &Checkpoint) -> Result<Tables> {
         let Outputs { history, contacts, events, reactions, .. } = from.outputs;
         let columns = [scene.output.probes.len(), scene.force_columns().len()];
+        let file = |name: &str, written: Option<Extent>| {
+            written.map(|written| Lines::resume(folder, name, written)).transpose()
+        };
         Ok(Tables {
             history: History::resume(folder, columns, history)?,
-            contacts: contacts.map(|written| Contacts::resume(folder, written)).transpose()?,
-            events: events.map(|written| Events::resume(folder, written)).transpose()?,
-            reactions: reactions.map(|written| Reactions::resume(folder, written)).transpose()?,
+            contacts: file(contacts::FILE, contacts)?,
+            events: file(events::FILE, events)?,
+            reactions: file(reactions::FILE, reactions)?,
         })
     }
 
@@ -197,18 +202,16 @@ impl Tables {
     fn outputs(&mut self, fields: &Series) -> Result<Outputs> {
         Ok(Outputs {
             history: self.history.position()?,
-            contacts: self.contacts.as_mut().map(Contacts::position).transpose()?,
-            events: self.events.as_mut().map(Events::position).transpose()?,
-            reactions: self.reactions.as_mut().map(Reactions::position).transpose()?,
+            contacts: self.contacts.as_mut().map(Lines::position).transpose()?,
+            events: self.events.as_mut().map(Lines::position).transpose()?,
+            reactions: self.reactions.as_mut().map(Lines::position).transpose()?,
             snapshots: fields.snapshots().to_vec(),
         })
     }
 
     fn finish(self) -> Result<()> {
         self.history.finish()?;
-        self.contacts.map_or(Ok(()), Contacts::finish)?;
-        self.events.map_or(Ok(()), Events::finish)?;
-        self.reactions.map_or(Ok(()), Reactions::finish)
+        [self.contacts, self.events, self.reactions].iter_mut().flatten().try_for_each(Lines::flush)
     }
 }
 
@@ -274,7 +277,7 @@ impl Observer for RunFiles<'_> {
 
     fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
         let file = self.tables.as_mut().and_then(|tables| tables.contacts.as_mut());
-        file.map_or(Ok(()), |file| file.push(ended))
+        file.map_or(Ok(()), |file| contacts::push(file, ended))
     }
 
     fn reactions(&mut self, step: u64, time: f64, rows: &[NodeReaction]) -> Result<()> {
@@ -282,7 +285,7 @@ impl Observer for RunFiles<'_> {
         let Some(file) = file else { return Ok(()) };
         let names: Vec<String> =
             self.run.scene.supports.iter().filter_map(|support| support.name.clone()).collect();
-        file.push(step, time, &names, rows)
+        reactions::push(file, step, time, &names, rows)
     }
 
     fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
@@ -306,8 +309,8 @@ impl Observer for RunFiles<'_> {
     }
 
     fn event(&mut self, event: &NodeEvent) -> Result<()> {
-        let events = self.tables.as_mut().and_then(|tables| tables.events.as_mut());
-        events.map_or(Ok(()), |events| events.push(event))
+        let file = self.tables.as_mut().and_then(|tables| tables.events.as_mut());
+        file.map_or(Ok(()), |file| events::push(file, event))
     }
 
     fn pause(&mut self, pause: RunState) -> Result<()> {
