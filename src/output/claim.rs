@@ -184,7 +184,7 @@ pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwri
             if Identity::of_summary(&summary).is_some_and(|of| of == *scene) {
                 return Ok(());
             }
-            let difference = match difference(&summary["scene"], resolved, &mut String::new()) {
+            let difference = match difference("", &summary["scene"], resolved) {
                 Some(difference) if summary["scene"].is_object() => format!(" ({difference})"),
                 _ => String::new(),
             };
@@ -250,48 +250,29 @@ fn is_passing(name: &str) -> bool {
     name.starts_with('.') && name.ends_with(".tmp") || name.starts_with(".nfs")
 }
 
-/// Describes the first difference of two resolved scenes: `time.step: 1e-5 there, 5e-6 here`.
-fn difference(there: &Value, here: &Value, key: &mut String) -> Option<String> {
-    if there == here {
-        return None;
-    }
-    if let (Value::Object(a), Value::Object(b)) = (there, here) {
-        let alone = |a: &serde_json::Map<String, Value>, b: &serde_json::Map<String, Value>| {
-            a.keys().find(|name| !b.contains_key(*name)).cloned()
-        };
-        let only = alone(b, a).map(|name| (name, "here")).or_else(|| Some((alone(a, b)?, "there")));
-        if let Some((name, place)) = only {
-            let dot = if key.is_empty() { "" } else { "." };
-            return Some(format!("{key}{dot}{name} only {place}"));
-        }
-    }
-    let parts: Option<Vec<(String, &Value, &Value)>> = match (there, here) {
-        (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {
-            Some(a.iter().zip(b.values()).map(|((name, a), b)| (name.clone(), a, b)).collect())
+/// Describes the first difference of two values below a key: `time.step: 1e-5 there, 5e-6 here`.
+fn difference(key: &str, there: &Value, here: &Value) -> Option<String> {
+    let below = |name: &str| if key.is_empty() { name.to_owned() } else { format!("{key}.{name}") };
+    match (there, here) {
+        _ if there == here => None,
+        (Value::Object(a), Value::Object(b)) => {
+            let alone = |a: &serde_json::Map<String, Value>, b: &serde_json::Map<String, Value>| {
+                a.keys().find(|name| !b.contains_key(*name)).map(|name| below(name))
+            };
+            let only_here = alone(b, a).map(|name| name + " only here");
+            let only = only_here.or_else(|| Some(alone(a, b)? + " only there"));
+            only.or_else(|| a.iter().find_map(|(name, a)| difference(&below(name), a, &b[name])))
         }
         (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
-            Some(a.iter().zip(b).enumerate().map(|(i, (a, b))| (i.to_string(), a, b)).collect())
+            let mut pairs = a.iter().zip(b).enumerate();
+            pairs.find_map(|(i, (a, b))| difference(&below(&i.to_string()), a, b))
         }
-        _ => None,
-    };
-    let Some(parts) = parts else {
-        let short = |value: &Value| {
-            let text = value.to_string();
-            if text.len() > 40 { "other".to_owned() } else { text }
-        };
-        let (there, here) = (short(there), short(here));
-        return Some(if there == here { key.clone() } else { format!("{key}: {there} there, {here} here") });
-    };
-    parts.into_iter().find_map(|(name, there, here)| {
-        let length = key.len();
-        if !key.is_empty() {
-            key.push('.');
+        _ => {
+            let texts = [there, here].map(Value::to_string);
+            let [there, here] = texts.each_ref().map(|text| if text.len() > 40 { "other" } else { text });
+            Some(if there == here { key.to_owned() } else { format!("{key}: {there} there, {here} here") })
         }
-        key.push_str(&name);
-        let found = difference(there, here, key);
-        key.truncate(length);
-        found
-    })
+    }
 }
 
 #[cfg(test)]
@@ -302,7 +283,7 @@ mod tests {
     #[test]
     fn the_first_key_that_differs_is_named() {
         let one = json!({ "a": { "b": [1, 2.5] }, "c": "x" });
-        let said = |other: Value| difference(&one, &other, &mut String::new());
+        let said = |other: Value| difference("", &one, &other);
         assert_eq!(said(one.clone()), None);
         assert_eq!(
             said(json!({ "a": { "b": [1, 2.5] }, "c": "y", "d": [{}] })).as_deref(),
