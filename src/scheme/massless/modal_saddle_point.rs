@@ -24,6 +24,7 @@ use crate::error::{Error, Result};
 use crate::linalg::vectors::{axpy, dot, subtract};
 use crate::linalg::{Engine, Factor, Form, MassModes};
 use crate::modes::{KeptColumns, current_store};
+use crate::random::golden_vector;
 use crate::scheme::System;
 use faer::Mat;
 use std::cell::RefCell;
