@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{c_string, call, int};
+use super::error::{c_string, call, get, int};
 use super::handle::handle;
 use super::vec::slice;
 use super::{Comm, Context, Dofs, Index, IndexSet, Section, Vector, sys};
@@ -49,8 +49,7 @@ impl Plex {
             )));
         }
         let [count, own, corners] = [int(cells.len() / corners)?, int(vertices.len())?, int(corners)?];
-        let (mut raw, null) = (std::ptr::null_mut(), std::ptr::null_mut());
-        call!(DMPlexCreateFromCellListParallelPetsc(
+        let raw = get!(DMPlexCreateFromCellListParallelPetsc(
             context.raw(Comm::World),
             2,
             count,
@@ -61,9 +60,8 @@ impl Plex {
             cells.as_ptr(),
             2,
             vertices.as_ptr().cast(),
-            null,
             std::ptr::null_mut(),
-            &mut raw
+            std::ptr::null_mut()
         ))?;
         Ok(Self::owning(raw, context))
     }
@@ -95,8 +93,7 @@ impl Plex {
         let cones: Vec<Index> = cells.concat().into_iter().map(|v| (cells.len() + v) as Index).collect();
         let orientations = vec![0; cones.len()];
         let strata = [vertices.len() as Index, cells.len() as Index];
-        let mut raw = std::ptr::null_mut();
-        call!(DMPlexCreate(context.raw(Comm::World), &mut raw))?;
+        let raw = get!(DMPlexCreate(context.raw(Comm::World)))?;
         let bare = Self::owning(raw, context);
         call!(DMSetDimension(raw, 2))?;
         call!(DMPlexCreateFromDAG(
@@ -108,9 +105,7 @@ impl Plex {
             orientations.as_ptr(),
             vertices.as_ptr().cast()
         ))?;
-        let mut raw = std::ptr::null_mut();
-        call!(DMPlexInterpolate(bare.raw, &mut raw))?;
-        Ok(Self::owning(raw, context))
+        Ok(Self::owning(get!(DMPlexInterpolate(bare.raw))?, context))
     }
 
     /// Returns the mesh partitioned evenly with few shared edges. Collective.
@@ -128,28 +123,22 @@ impl Plex {
         let comm = self.context.comm();
         let is_small = comm.all_reduce_sum(self.cells().len()) < FEW_CELLS * comm.size();
         let kind = if is_small { c"simple" } else { c"ptscotch" };
-        let mut partitioner = std::ptr::null_mut();
-        call!(DMPlexGetPartitioner(self.raw, &mut partitioner))?;
+        let partitioner = get!(DMPlexGetPartitioner(self.raw))?;
         call!(PetscPartitionerSetType(partitioner, kind.as_ptr()))?;
         call!(PetscPartitionerSetFromOptions(partitioner))?;
-        let mut raw = std::ptr::null_mut();
-        call!(DMPlexDistribute(self.raw, 0, std::ptr::null_mut(), &mut raw))?;
+        let raw = get!(DMPlexDistribute(self.raw, 0, std::ptr::null_mut()))?;
         Ok(if raw.is_null() { self } else { Self::owning(raw, &self.context) })
     }
 
     /// Returns the range of all points of this rank.
     pub fn chart(&self) -> Range<Index> {
-        let (mut start, mut end) = (0, 0);
         // This call cannot fail: the mesh is complete.
-        let _ = call!(DMPlexGetChart(self.raw, &mut start, &mut end));
-        start..end
+        get!(DMPlexGetChart(self.raw; start, end)).map_or(0..0, |(start, end)| start..end)
     }
 
     fn height(&self, height: Index) -> Range<Index> {
-        let (mut start, mut end) = (0, 0);
         // This call cannot fail: the mesh is complete. A rank without cells has empty strata.
-        let _ = call!(DMPlexGetHeightStratum(self.raw, height, &mut start, &mut end));
-        start..end
+        get!(DMPlexGetHeightStratum(self.raw, height; start, end)).map_or(0..0, |(start, end)| start..end)
     }
 
     /// Returns the range of this rank's cells.
@@ -172,9 +161,8 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where there is no such point.
     pub fn cone(&self, point: Index) -> Result<Vec<Index>> {
-        let (mut length, mut array) = (0, std::ptr::null());
-        call!(DMPlexGetConeSize(self.raw, point, &mut length))?;
-        call!(DMPlexGetCone(self.raw, point, &mut array))?;
+        let (length, array) =
+            (get!(DMPlexGetConeSize(self.raw, point))?, get!(DMPlexGetCone(self.raw, point))?);
         // SAFETY: PETSc's array has this length.
         Ok(unsafe { slice(array, length as usize) }.to_vec())
     }
@@ -185,9 +173,8 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where there is no such point.
     pub fn support(&self, point: Index) -> Result<Vec<Index>> {
-        let (mut length, mut array) = (0, std::ptr::null());
-        call!(DMPlexGetSupportSize(self.raw, point, &mut length))?;
-        call!(DMPlexGetSupport(self.raw, point, &mut array))?;
+        let (length, array) =
+            (get!(DMPlexGetSupportSize(self.raw, point))?, get!(DMPlexGetSupport(self.raw, point))?);
         // SAFETY: PETSc's array has this length.
         Ok(unsafe { slice(array, length as usize) }.to_vec())
     }
@@ -242,11 +229,8 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn coordinates(&self) -> Result<Vec<[f64; 2]>> {
-        let (mut vector, mut section) = (std::ptr::null_mut(), std::ptr::null_mut());
-        call!(DMGetCoordinatesLocal(self.raw, &mut vector))?;
-        call!(DMGetCoordinateSection(self.raw, &mut section))?;
-        let vector = Vector::sharing(vector, &self.context)?;
-        let section = Section::sharing(section, &self.context)?;
+        let vector = Vector::sharing(get!(DMGetCoordinatesLocal(self.raw))?, &self.context)?;
+        let section = Section::sharing(get!(DMGetCoordinateSection(self.raw))?, &self.context)?;
         let offsets = self.vertices().map(|vertex| section.offset(vertex)).collect::<Result<Vec<_>>>()?;
         vector.with_local(|values| {
             offsets.iter().map(|&at| [values[at as usize], values[at as usize + 1]]).collect()
@@ -258,10 +242,8 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn owned(&self) -> Result<Vec<bool>> {
-        let mut forest = std::ptr::null_mut();
-        call!(DMGetPointSF(self.raw, &mut forest))?;
-        let (mut roots, mut leaves, mut points, mut remote) = (0, 0, std::ptr::null(), std::ptr::null());
-        call!(PetscSFGetGraph(forest, &mut roots, &mut leaves, &mut points, &mut remote))?;
+        let forest = get!(DMGetPointSF(self.raw))?;
+        let (_, leaves, points, _) = get!(PetscSFGetGraph(forest; roots, leaves, points, remote))?;
         let mut owned = vec![true; self.chart().len()];
         if points.is_null() {
             // PETSc's null stands for the first `leaves` points.
@@ -316,8 +298,7 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn labelled(&self, name: &str, value: Index) -> Result<Vec<Index>> {
-        let (name, mut raw) = (c_string(name)?, std::ptr::null_mut());
-        call!(DMGetStratumIS(self.raw, name.as_ptr(), value, &mut raw))?;
+        let raw = get!(DMGetStratumIS(self.raw, c_string(name)?.as_ptr(), value))?;
         if raw.is_null() {
             return Ok(Vec::new());
         }
@@ -329,8 +310,7 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn with_section(&self, section: &Section) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(DMClone(self.raw, &mut raw))?;
+        let raw = get!(DMClone(self.raw))?;
         let mesh = Self::owning(raw, &self.context);
         call!(DMSetLocalSection(raw, section.raw))?;
         Ok(mesh)
@@ -343,9 +323,7 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn global_section(&self) -> Result<Section> {
-        let mut raw = std::ptr::null_mut();
-        call!(DMGetGlobalSection(self.raw, &mut raw))?;
-        Section::sharing(raw, &self.context)
+        Section::sharing(get!(DMGetGlobalSection(self.raw))?, &self.context)
     }
 
     /// Creates a global vector of zeros: the free dofs of the points that each rank owns.
@@ -354,11 +332,7 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where the mesh has no section.
     pub fn global_vector(&self) -> Result<Vector> {
-        let mut raw = std::ptr::null_mut();
-        call!(DMCreateGlobalVector(self.raw, &mut raw))?;
-        let mut vector = Vector::owning(raw, &self.context);
-        vector.fill(0.0)?;
-        Ok(vector)
+        Vector::owning(get!(DMCreateGlobalVector(self.raw))?, &self.context).zeroed()
     }
 
     /// Creates a local vector of zeros: all dofs of this rank's points.
@@ -368,11 +342,7 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where the mesh has no section.
     pub fn local_vector(&self) -> Result<Vector> {
-        let mut raw = std::ptr::null_mut();
-        call!(DMCreateLocalVector(self.raw, &mut raw))?;
-        let mut vector = Vector::owning(raw, &self.context);
-        vector.fill(0.0)?;
-        Ok(vector)
+        Vector::owning(get!(DMCreateLocalVector(self.raw))?, &self.context).zeroed()
     }
 
     /// Copies a global vector into a local one, whose constrained dofs keep their values.
@@ -397,10 +367,9 @@ impl Plex {
     /// # Errors
     /// Returns [`Error::Petsc`] where the mesh has no section.
     pub fn global_dofs(&self) -> Result<Vec<Index>> {
-        let (mut map, mut length, mut array) = (std::ptr::null_mut(), 0, std::ptr::null());
-        call!(DMGetLocalToGlobalMapping(self.raw, &mut map))?;
-        call!(ISLocalToGlobalMappingGetSize(map, &mut length))?;
-        call!(ISLocalToGlobalMappingGetIndices(map, &mut array))?;
+        let map = get!(DMGetLocalToGlobalMapping(self.raw))?;
+        let length = get!(ISLocalToGlobalMappingGetSize(map))?;
+        let mut array = get!(ISLocalToGlobalMappingGetIndices(map))?;
         // SAFETY: PETSc's array has this length.
         let dofs = unsafe { slice(array, length as usize) }.to_vec();
         call!(ISLocalToGlobalMappingRestoreIndices(map, &mut array))?;

@@ -48,6 +48,20 @@ macro_rules! call {
 }
 pub(super) use call;
 
+/// Calls a PETSc function that writes its results behind its last arguments, and returns them: one
+/// value, or a tuple of as many as there are names behind the semicolon.
+macro_rules! get {
+    ($function:ident($($argument:expr),* $(,)?)) => {
+        $crate::petsc::error::get!($function($($argument),*; value))
+    };
+    ($function:ident($($argument:expr),*; $($result:ident),*)) => {{
+        // SAFETY: the results are numbers, enumerations and pointers of C, for which 0 is a value.
+        $(let mut $result = unsafe { std::mem::MaybeUninit::zeroed().assume_init() };)*
+        $crate::petsc::error::call!($function($($argument,)* $(&mut $result),*)).map(|()| ($($result),*))
+    }};
+}
+pub(super) use get;
+
 /// PETSc's error handler from [`super::Context::start`] on: keeps the first record, prints nothing.
 pub(super) unsafe extern "C" fn keep(
     _: sys::MPI_Comm,

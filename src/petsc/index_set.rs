@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{call, int};
+use super::error::{call, get, int};
 use super::handle::handle;
 use super::vec::slice;
 use super::{Comm, Context, Index, sys};
@@ -20,9 +20,8 @@ impl IndexSet {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(context: &Rc<Context>, comm: Comm, indices: &[Index]) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
         let mode = sys::PetscCopyMode::PETSC_COPY_VALUES;
-        call!(ISCreateGeneral(context.raw(comm), int(indices.len())?, indices.as_ptr(), mode, &mut raw))?;
+        let raw = get!(ISCreateGeneral(context.raw(comm), int(indices.len())?, indices.as_ptr(), mode))?;
         Ok(Self::owning(raw, context))
     }
 
@@ -31,11 +30,9 @@ impl IndexSet {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn to_vec(&self) -> Result<Vec<Index>> {
-        let (mut length, mut array) = (0, std::ptr::null());
-        call!(ISGetLocalSize(self.raw, &mut length))?;
-        call!(ISGetIndices(self.raw, &mut array))?;
+        let (length, mut array) = (get!(ISGetLocalSize(self.raw))? as usize, get!(ISGetIndices(self.raw))?);
         // SAFETY: PETSc's array has the local size.
-        let indices = unsafe { slice(array, length as usize) }.to_vec();
+        let indices = unsafe { slice(array, length) }.to_vec();
         call!(ISRestoreIndices(self.raw, &mut array))?;
         Ok(indices)
     }

@@ -3,7 +3,7 @@
 #![allow(unsafe_code)]
 
 use super::callback::settle;
-use super::error::{call, int, text};
+use super::error::{call, get, int, text};
 use super::handle::handle;
 use super::options::Prefix;
 use super::{Comm, Context, Matrix, Operator, Reason, Vector, sys};
@@ -22,8 +22,7 @@ impl Ksp {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn new(context: &Rc<Context>, comm: Comm, prefix: &str) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(KSPCreate(context.raw(comm), &mut raw))?;
+        let raw = get!(KSPCreate(context.raw(comm)))?;
         let mut solver = Self::owning(raw, context);
         call!(KSPSetOptionsPrefix(raw, Prefix::new(prefix)?.pointer()))?;
         solver.prefix = prefix.into();
@@ -42,8 +41,7 @@ impl Ksp {
     /// [`Error::Petsc`] where PETSc reports an error.
     pub fn default_to_cholesky(&mut self) -> Result<()> {
         let direct = is_direct(&self.context, &self.prefix)?;
-        let mut preconditioner = std::ptr::null_mut();
-        call!(KSPGetPC(self.raw, &mut preconditioner))?;
+        let preconditioner = self.preconditioner()?;
         call!(PCSetType(preconditioner, c"cholesky".as_ptr()))?;
         if !direct {
             if self.needs_subdomains()? {
@@ -228,16 +226,13 @@ impl Ksp {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn measures_energy(&self) -> Result<bool> {
-        let mut norm = sys::KSPNormType::KSP_NORM_NONE;
-        call!(KSPGetNormType(self.raw, &mut norm))?;
-        Ok(norm == sys::KSPNormType::KSP_NORM_NATURAL)
+        Ok(get!(KSPGetNormType(self.raw))? == sys::KSPNormType::KSP_NORM_NATURAL)
     }
 
     /// Returns the relative and the absolute tolerance.
     fn tolerances(&self) -> Result<[f64; 2]> {
-        let [mut relative, mut absolute, mut divergence] = [0.0; 3];
-        let mut iterations = 0;
-        call!(KSPGetTolerances(self.raw, &mut relative, &mut absolute, &mut divergence, &mut iterations))?;
+        let (relative, absolute, _, _) =
+            get!(KSPGetTolerances(self.raw; relative, absolute, divergence, iterations))?;
         Ok([relative, absolute])
     }
 
@@ -261,9 +256,8 @@ impl Ksp {
         }
         // PETSc's block solve reports convergence of the last column only.
         for column in 0..int(b.size()[1])? {
-            let (mut right, mut solution) = (std::ptr::null_mut(), std::ptr::null_mut());
-            call!(MatDenseGetColumnVecRead(b.raw, column, &mut right))?;
-            call!(MatDenseGetColumnVecWrite(x.raw, column, &mut solution))?;
+            let mut right = get!(MatDenseGetColumnVecRead(b.raw, column))?;
+            let mut solution = get!(MatDenseGetColumnVecWrite(x.raw, column))?;
             let solved = call!(KSPSolve(self.raw, right, solution));
             call!(MatDenseRestoreColumnVecWrite(x.raw, column, &mut solution))?;
             call!(MatDenseRestoreColumnVecRead(b.raw, column, &mut right))?;
@@ -283,12 +277,14 @@ impl Ksp {
 
     /// Returns the names of the Krylov method and of the preconditioner.
     fn kind(&self) -> Result<[String; 2]> {
-        let (mut preconditioner, mut names) = (std::ptr::null_mut(), [std::ptr::null(); 2]);
-        call!(KSPGetPC(self.raw, &mut preconditioner))?;
-        call!(KSPGetType(self.raw, &mut names[0]))?;
-        call!(PCGetType(preconditioner, &mut names[1]))?;
+        let names = [get!(KSPGetType(self.raw))?, get!(PCGetType(self.preconditioner()?))?];
         // SAFETY: the names belong to PETSc; they are null before they are set.
         Ok(names.map(|name| unsafe { text(name) }))
+    }
+
+    /// Returns the preconditioner.
+    pub(super) fn preconditioner(&self) -> Result<sys::PC> {
+        get!(KSPGetPC(self.raw))
     }
 
     fn judge(&self) -> Result<()> {
@@ -307,11 +303,7 @@ impl Ksp {
     }
 
     fn refuse_failed_factor(&self) -> Result<()> {
-        let mut preconditioner = std::ptr::null_mut();
-        let mut failed = sys::PCFailedReason(0);
-        call!(KSPGetPC(self.raw, &mut preconditioner))?;
-        call!(PCGetFailedReason(preconditioner, &mut failed))?;
-        let what = match failed {
+        let what = match get!(PCGetFailedReason(self.preconditioner()?))? {
             sys::PCFailedReason::PC_NOERROR => return Ok(()),
             sys::PCFailedReason::PC_FACTOR_NUMERIC_ZEROPIVOT => "a pivot is zero or has the wrong sign",
             sys::PCFailedReason::PC_FACTOR_STRUCT_ZEROPIVOT => "its pattern is singular",
@@ -328,9 +320,8 @@ impl Ksp {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn reason(&self) -> Result<Reason> {
-        let (mut code, mut name) = (sys::KSPConvergedReason(0), std::ptr::null());
-        call!(KSPGetConvergedReason(self.raw, &mut code))?;
-        call!(KSPGetConvergedReasonString(self.raw, &mut name))?;
+        let (code, name) =
+            (get!(KSPGetConvergedReason(self.raw))?, get!(KSPGetConvergedReasonString(self.raw))?);
         // SAFETY: PETSc returns a constant string.
         Ok(Reason { code: code.0, text: unsafe { text(name) } })
     }
@@ -340,9 +331,7 @@ impl Ksp {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn iterations(&self) -> Result<usize> {
-        let mut iterations = 0;
-        call!(KSPGetIterationNumber(self.raw, &mut iterations))?;
-        Ok(iterations as usize)
+        Ok(get!(KSPGetIterationNumber(self.raw))? as usize)
     }
 
     /// Returns the numbers of negative, zero and positive pivots of the factor. Collective.
@@ -353,11 +342,8 @@ impl Ksp {
     /// # Errors
     /// Returns [`Error::Petsc`] where the preconditioner is no Cholesky factorisation.
     pub fn inertia(&self) -> Result<[usize; 3]> {
-        let (mut preconditioner, mut factor) = (std::ptr::null_mut(), std::ptr::null_mut());
-        call!(KSPGetPC(self.raw, &mut preconditioner))?;
-        call!(PCFactorGetMatrix(preconditioner, &mut factor))?;
-        let [mut negative, mut zero, mut positive] = [0; 3];
-        call!(MatGetInertia(factor, &mut negative, &mut zero, &mut positive))?;
+        let factor = get!(PCFactorGetMatrix(self.preconditioner()?))?;
+        let (negative, zero, positive) = get!(MatGetInertia(factor; negative, zero, positive))?;
         Ok([negative as usize, zero as usize, positive as usize])
     }
 

@@ -2,14 +2,20 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{call, int};
+use super::error::{call, get, int};
 use super::handle::handle;
-use super::vec::slice;
+use super::vec::{slice, slice_mut};
 use super::{Comm, Context, Index, IndexSet, Vector, sys};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use std::ops::Range;
 use std::rc::Rc;
+
+/// Makes a call of PETSc create its result.
+const NEW: sys::MatReuse = sys::MatReuse::MAT_INITIAL_MATRIX;
+
+/// Expected fill of a product: PETSc's own estimate.
+const FILL: f64 = sys::PETSC_DEFAULT as f64;
 
 handle! {
     /// Matrix of which each rank owns a block of rows. Creating and dropping it is collective.
@@ -94,8 +100,7 @@ impl Matrix {
                 ends[1]
             )));
         }
-        let mut raw = std::ptr::null_mut();
-        call!(MatCreate(context.raw(comm), &mut raw))?;
+        let raw = get!(MatCreate(context.raw(comm)))?;
         let mut matrix = Self::owning(raw, context);
         let end = sys::PETSC_DETERMINE;
         call!(MatSetSizes(raw, int(local[0])?, int(local[1])?, end, end))?;
@@ -104,9 +109,8 @@ impl Matrix {
             Some(dofs) => {
                 call!(MatSetType(raw, c"is".as_ptr()))?;
                 let (count, copy) = (int(dofs.len())?, sys::PetscCopyMode::PETSC_COPY_VALUES);
-                let mut map = std::ptr::null_mut();
                 let comm = context.raw(comm);
-                call!(ISLocalToGlobalMappingCreate(comm, 1, count, dofs.as_ptr(), copy, &mut map))?;
+                let mut map = get!(ISLocalToGlobalMappingCreate(comm, 1, count, dofs.as_ptr(), copy))?;
                 // The matrix keeps a reference of its own.
                 let set = call!(MatSetLocalToGlobalMapping(raw, map, map));
                 call!(ISLocalToGlobalMappingDestroy(&mut map))?;
@@ -146,37 +150,29 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn dense(context: &Rc<Context>, comm: Comm, local: usize, columns: usize) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
         let (end, null) = (sys::PETSC_DETERMINE, std::ptr::null_mut());
-        call!(MatCreateDense(context.raw(comm), int(local)?, end, end, int(columns)?, null, &mut raw))?;
-        let matrix = Self::owning(raw, context);
-        call!(MatAssemblyBegin(raw, sys::MatAssemblyType::MAT_FINAL_ASSEMBLY))?;
-        call!(MatAssemblyEnd(raw, sys::MatAssemblyType::MAT_FINAL_ASSEMBLY))?;
+        let raw = get!(MatCreateDense(context.raw(comm), int(local)?, end, end, int(columns)?, null))?;
+        let mut matrix = Self::owning(raw, context);
+        matrix.assemble()?;
         Ok(matrix)
     }
 
     /// Returns the numbers of rows and columns over all ranks.
     pub fn size(&self) -> [usize; 2] {
-        let (mut rows, mut columns) = (0, 0);
         // This call cannot fail: the matrix has sizes.
-        let _ = call!(MatGetSize(self.raw, &mut rows, &mut columns));
-        [rows as usize, columns as usize]
+        get!(MatGetSize(self.raw; rows, columns)).map_or([0; 2], |(m, n)| [m as usize, n as usize])
     }
 
     /// Returns the numbers of rows and columns that this rank owns.
     pub fn local_size(&self) -> [usize; 2] {
-        let (mut rows, mut columns) = (0, 0);
         // This call cannot fail: the matrix has sizes.
-        let _ = call!(MatGetLocalSize(self.raw, &mut rows, &mut columns));
-        [rows as usize, columns as usize]
+        get!(MatGetLocalSize(self.raw; rows, columns)).map_or([0; 2], |(m, n)| [m as usize, n as usize])
     }
 
     /// Returns the range of this rank's rows.
     pub fn range(&self) -> Range<Index> {
-        let (mut start, mut end) = (0, 0);
         // This call cannot fail: the matrix has a layout.
-        let _ = call!(MatGetOwnershipRange(self.raw, &mut start, &mut end));
-        start..end
+        get!(MatGetOwnershipRange(self.raw; start, end)).map_or(0..0, |(start, end)| start..end)
     }
 
     /// Creates a vector of zeros that the matrix can multiply. Collective.
@@ -186,9 +182,7 @@ impl Matrix {
     pub fn vector(&self) -> Result<Vector> {
         let mut raw = std::ptr::null_mut();
         call!(MatCreateVecs(self.raw, &mut raw, std::ptr::null_mut()))?;
-        let mut vector = Vector::owning(raw, &self.context);
-        vector.fill(0.0)?;
-        Ok(vector)
+        Vector::owning(raw, &self.context).zeroed()
     }
 
     /// Declares the matrix symmetric positive definite, also after changes of its values.
@@ -224,9 +218,8 @@ impl Matrix {
         }
         let comm = self.context.raw(Comm::World);
         let vectors: Vec<sys::Vec> = motions.iter().map(|motion| motion.raw).collect();
-        let mut space = std::ptr::null_mut();
         let none = sys::truth(false);
-        call!(MatNullSpaceCreate(comm, none, int(vectors.len())?, vectors.as_ptr(), &mut space))?;
+        let mut space = get!(MatNullSpaceCreate(comm, none, int(vectors.len())?, vectors.as_ptr()))?;
         let set = call!(MatSetNearNullSpace(self.raw, space));
         call!(MatNullSpaceDestroy(&mut space))?;
         set
@@ -237,8 +230,7 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn share_near_null_space(&mut self, other: &Matrix) -> Result<()> {
-        let mut space = std::ptr::null_mut();
-        call!(MatGetNearNullSpace(other.raw, &mut space))?;
+        let space = get!(MatGetNearNullSpace(other.raw))?;
         call!(MatSetNearNullSpace(self.raw, space))
     }
 
@@ -308,9 +300,7 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where the sizes do not fit.
     pub(super) fn congruent(&self, p: &Matrix) -> Result<Self> {
-        let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
-        call!(MatPtAP(self.raw, p.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
-        Self::owning(raw, &self.context).without_factors()
+        self.product(get!(MatPtAP(self.raw, p.raw, NEW, FILL))?)
     }
 
     /// Returns the product A B. Collective.
@@ -318,9 +308,7 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where the sizes do not fit.
     pub(super) fn times(&self, b: &Matrix) -> Result<Self> {
-        let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
-        call!(MatMatMult(self.raw, b.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
-        Self::owning(raw, &self.context).without_factors()
+        self.product(get!(MatMatMult(self.raw, b.raw, NEW, FILL))?)
     }
 
     /// Returns the product A^T B. Collective.
@@ -328,16 +316,15 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where the sizes do not fit.
     pub(super) fn transposed_times(&self, b: &Matrix) -> Result<Self> {
-        let (mut raw, fill) = (std::ptr::null_mut(), f64::from(sys::PETSC_DEFAULT));
-        call!(MatTransposeMatMult(self.raw, b.raw, sys::MatReuse::MAT_INITIAL_MATRIX, fill, &mut raw))?;
-        Self::owning(raw, &self.context).without_factors()
+        self.product(get!(MatTransposeMatMult(self.raw, b.raw, NEW, FILL))?)
     }
 
     /// Returns a product that no longer keeps its factors and work space for a second computation.
     /// Collective.
-    fn without_factors(self) -> Result<Self> {
-        call!(MatProductClear(self.raw))?;
-        Ok(self)
+    fn product(&self, raw: sys::Mat) -> Result<Self> {
+        let product = Self::owning(raw, &self.context);
+        call!(MatProductClear(raw))?;
+        Ok(product)
     }
 
     /// Returns A^T. Collective.
@@ -345,9 +332,7 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub(super) fn transposed(&self) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(MatTranspose(self.raw, sys::MatReuse::MAT_INITIAL_MATRIX, &mut raw))?;
-        Ok(Self::owning(raw, &self.context))
+        Ok(Self::owning(get!(MatTranspose(self.raw, NEW))?, &self.context))
     }
 
     /// Returns a matrix of the same size with only some of the rows, given by their numbers on this
@@ -394,6 +379,11 @@ impl Matrix {
             call!(MatSetValues(self.raw, 1, row, 1, row, value, sys::InsertMode::INSERT_VALUES))?;
         }
         // This also has the next sweep invert the blocks on the diagonal again.
+        self.assemble()
+    }
+
+    /// Ends the entering of values. Collective.
+    fn assemble(&mut self) -> Result<()> {
         call!(MatAssemblyBegin(self.raw, sys::MatAssemblyType::MAT_FINAL_ASSEMBLY))?;
         call!(MatAssemblyEnd(self.raw, sys::MatAssemblyType::MAT_FINAL_ASSEMBLY))
     }
@@ -419,8 +409,7 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn duplicate(&self) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(MatDuplicate(self.raw, sys::MatDuplicateOption::MAT_COPY_VALUES, &mut raw))?;
+        let raw = get!(MatDuplicate(self.raw, sys::MatDuplicateOption::MAT_COPY_VALUES))?;
         Ok(Self::owning(raw, &self.context))
     }
 
@@ -453,9 +442,7 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn norm_infinity(&self) -> Result<f64> {
-        let mut norm = 0.0;
-        call!(MatNorm(self.raw, sys::NormType::NORM_INFINITY, &mut norm))?;
-        Ok(norm)
+        get!(MatNorm(self.raw, sys::NormType::NORM_INFINITY))
     }
 
     /// Has entries that are zeroed stay in the pattern. Collective.
@@ -484,14 +471,7 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn submatrix(&self, rows: &IndexSet, columns: &IndexSet) -> Result<Matrix> {
-        let mut raw = std::ptr::null_mut();
-        call!(MatCreateSubMatrix(
-            self.raw,
-            rows.raw,
-            columns.raw,
-            sys::MatReuse::MAT_INITIAL_MATRIX,
-            &mut raw
-        ))?;
+        let raw = get!(MatCreateSubMatrix(self.raw, rows.raw, columns.raw, NEW))?;
         Ok(Self::owning(raw, &self.context))
     }
 
@@ -500,8 +480,7 @@ impl Matrix {
     /// # Errors
     /// Returns [`Error::Petsc`] where another rank owns it.
     pub fn row(&self, row: Index) -> Result<(Vec<Index>, Vec<f64>)> {
-        let (mut length, mut columns, mut values) = (0, std::ptr::null(), std::ptr::null());
-        call!(MatGetRow(self.raw, row, &mut length, &mut columns, &mut values))?;
+        let (mut length, mut columns, mut values) = get!(MatGetRow(self.raw, row; length, columns, values))?;
         // SAFETY: PETSc's arrays have this length.
         let copy =
             unsafe { (slice(columns, length as usize).to_vec(), slice(values, length as usize).to_vec()) };
@@ -515,8 +494,7 @@ impl Matrix {
     /// Returns [`Error::Petsc`] where the matrix is not dense.
     pub fn with_columns<T>(&self, read: impl FnOnce(&[f64]) -> T) -> Result<T> {
         let length = self.dense_length()?;
-        let mut array = std::ptr::null();
-        call!(MatDenseGetArrayRead(self.raw, &mut array))?;
+        let mut array = get!(MatDenseGetArrayRead(self.raw))?;
         // SAFETY: PETSc's array has this length.
         let result = read(unsafe { slice(array, length) });
         call!(MatDenseRestoreArrayRead(self.raw, &mut array))?;
@@ -530,22 +508,16 @@ impl Matrix {
     /// Returns [`Error::Petsc`] where the matrix is not dense.
     pub fn with_columns_mut<T>(&mut self, write: impl FnOnce(&mut [f64]) -> T) -> Result<T> {
         let length = self.dense_length()?;
-        let mut array = std::ptr::null_mut();
-        call!(MatDenseGetArray(self.raw, &mut array))?;
-        let result = if length == 0 {
-            write(&mut [])
-        } else {
-            // SAFETY: PETSc's array has this length, and the exclusive borrow prevents aliases.
-            write(unsafe { std::slice::from_raw_parts_mut(array, length) })
-        };
+        let mut array = get!(MatDenseGetArray(self.raw))?;
+        // SAFETY: PETSc's array has this length, and the exclusive borrow prevents aliases.
+        let result = write(unsafe { slice_mut(array, length) });
         call!(MatDenseRestoreArray(self.raw, &mut array))?;
         Ok(result)
     }
 
     /// Returns the number of local entries of a dense matrix, whose columns must be contiguous.
     fn dense_length(&self) -> Result<usize> {
-        let mut stride = 0;
-        call!(MatDenseGetLDA(self.raw, &mut stride))?;
+        let stride = get!(MatDenseGetLDA(self.raw))?;
         let (rows, columns) = (self.local_size()[0], self.size()[1]);
         if rows > 0 && stride as usize != rows {
             return Err(Error::Petsc(format!("a dense matrix of {rows} rows with columns {stride} apart")));

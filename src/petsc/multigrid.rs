@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{call, int};
+use super::error::{call, get, int};
 use super::{Index, Ksp, Matrix, Vector, sys};
 use crate::error::Result;
 
@@ -220,7 +220,7 @@ impl Ksp {
         for part in ["mg_levels_", "mg_coarse_", "mg_coarse_redundant_"] {
             self.context.note_prefix(&format!("{}{part}", self.prefix));
         }
-        let multigrid = self.multigrid()?;
+        let multigrid = self.preconditioner()?;
         call!(PCSetType(multigrid, c"mg".as_ptr()))?;
         call!(PCMGSetLevels(multigrid, int(interpolations.len() + 1)?, std::ptr::null_mut()))?;
         // PETSc's own Galerkin products, and its residual on the finest level, would take an
@@ -233,12 +233,11 @@ impl Ksp {
 
     /// Hands interpolations and coarse matrices to the preconditioner. Collective.
     fn set_levels(&mut self, levels: &MultigridLevels) -> Result<()> {
-        let multigrid = self.multigrid()?;
+        let multigrid = self.preconditioner()?;
         for (level, (interpolation, coarse)) in (0..).zip(levels.interpolations.iter().zip(&levels.coarse)) {
-            let mut smoother = std::ptr::null_mut();
             call!(PCMGSetInterpolation(multigrid, level + 1, interpolation.raw))?;
             call!(PCMGSetRestriction(multigrid, level + 1, interpolation.raw))?;
-            call!(PCMGGetSmoother(multigrid, level, &mut smoother))?;
+            let smoother = get!(PCMGGetSmoother(multigrid, level))?;
             call!(KSPSetOperators(smoother, coarse.raw, coarse.raw))?;
             // PETSc keeps the matrix of a level's residual from its first set-up.
             if level > 0 {
@@ -265,12 +264,5 @@ impl Ksp {
         levels.scale_diagonal(matrix, dofs, HELD)?;
         levels.held = dofs.to_vec();
         self.set_up()
-    }
-
-    /// Returns the preconditioner.
-    fn multigrid(&self) -> Result<sys::PC> {
-        let mut multigrid = std::ptr::null_mut();
-        call!(KSPGetPC(self.raw, &mut multigrid))?;
-        Ok(multigrid)
     }
 }

@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{c_string, call, check, text};
+use super::error::{c_string, call, check, get, text};
 use super::words::{is_name, refuse_nan};
 use super::{Context, library, sys};
 use crate::error::{Error, Result};
@@ -83,8 +83,7 @@ impl Context {
 
     /// Returns all options as text: names, each with a dash, and values.
     fn database(&self) -> Result<String> {
-        let mut all = std::ptr::null_mut();
-        call!(PetscOptionsGetAll(std::ptr::null_mut(), &mut all))?;
+        let all = get!(PetscOptionsGetAll(std::ptr::null_mut()))?;
         // SAFETY: PETSc allocated the string.
         let words = unsafe { text(all) };
         free(all)?;
@@ -137,18 +136,10 @@ impl Context {
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn option(&self, name: &str) -> Result<Option<String>> {
         let name = c_string(&format!("-{name}"))?;
-        let (none, mut value, mut found) = (std::ptr::null(), [0; 256], sys::truth(false));
-        let (array, length) = (value.as_mut_ptr(), value.len());
-        call!(PetscOptionsGetString(
-            std::ptr::null_mut(),
-            none,
-            name.as_ptr(),
-            array,
-            length as _,
-            &mut found
-        ))?;
+        let (database, prefix, mut value) = (std::ptr::null_mut(), std::ptr::null(), [0; 256]);
+        let is_set = get!(PetscOptionsGetString(database, prefix, name.as_ptr(), value.as_mut_ptr(), 256))?;
         // SAFETY: PETSc ends the string with a zero within the array.
-        Ok((found == sys::truth(true)).then(|| unsafe { text(value.as_ptr()) }))
+        Ok((is_set == sys::truth(true)).then(|| unsafe { text(value.as_ptr()) }))
     }
 
     /// Sets a default for an option (name without dash) that the user did not set.
@@ -218,8 +209,8 @@ impl Context {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn unused_options(&self) -> Result<Vec<String>> {
-        let (mut count, mut names, mut values) = (0, std::ptr::null_mut(), std::ptr::null_mut());
-        call!(PetscOptionsLeftGet(std::ptr::null_mut(), &mut count, &mut names, &mut values))?;
+        let (mut count, mut names, mut values) =
+            get!(PetscOptionsLeftGet(std::ptr::null_mut(); count, names, values))?;
         // SAFETY: PETSc allocated `count` names.
         let left: Vec<_> = (0..count as usize).map(|i| unsafe { text(*names.add(i)) }).collect();
         call!(PetscOptionsLeftRestore(std::ptr::null_mut(), &mut count, &mut names, &mut values))?;

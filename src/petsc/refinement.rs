@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-use super::error::call;
+use super::error::{call, get};
 use super::handle::handle;
 use super::{Comm, Index, Plex, sys};
 use crate::error::Result;
@@ -21,8 +21,7 @@ impl Refinement {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(mesh: &Plex) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(DMPlexTransformCreate(mesh.context.raw(Comm::World), &mut raw))?;
+        let raw = get!(DMPlexTransformCreate(mesh.context.raw(Comm::World)))?;
         let refinement = Self::owning(raw, &mesh.context);
         call!(DMPlexTransformSetType(raw, c"refine_regular".as_ptr()))?;
         call!(DMPlexTransformSetDM(raw, mesh.raw))?;
@@ -32,9 +31,7 @@ impl Refinement {
 
     /// Returns the mesh that is refined.
     fn coarse(&self) -> Result<Plex> {
-        let mut raw = std::ptr::null_mut();
-        call!(DMPlexTransformGetDM(self.raw, &mut raw))?;
-        Plex::sharing(raw, &self.context)
+        Plex::sharing(get!(DMPlexTransformGetDM(self.raw))?, &self.context)
     }
 
     /// Creates the refined mesh; labels are kept. Collective.
@@ -43,9 +40,7 @@ impl Refinement {
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn fine(&self) -> Result<Plex> {
         let coarse = self.coarse()?;
-        let mut raw = std::ptr::null_mut();
-        call!(DMPlexTransformApply(self.raw, coarse.raw, &mut raw))?;
-        Ok(Plex::owning(raw, &self.context))
+        Ok(Plex::owning(get!(DMPlexTransformApply(self.raw, coarse.raw))?, &self.context))
     }
 
     /// Returns the vertex of the refined mesh that a vertex, an edge or a quadrilateral of this
@@ -55,13 +50,11 @@ impl Refinement {
     /// Returns [`crate::Error::Petsc`] where there is no such point.
     pub fn vertex(&self, point: Index) -> Result<Option<Index>> {
         let coarse = self.coarse()?;
-        let mut kind = sys::DMPolytopeType::DM_POLYTOPE_UNKNOWN;
-        call!(DMPlexGetCellType(coarse.raw, point, &mut kind))?;
+        let kind = get!(DMPlexGetCellType(coarse.raw, point))?;
         if kind == sys::DMPolytopeType::DM_POLYTOPE_TRIANGLE {
             return Ok(None);
         }
-        let (to, mut vertex) = (sys::DMPolytopeType::DM_POLYTOPE_POINT, 0);
-        call!(DMPlexTransformGetTargetPoint(self.raw, kind, to, point, 0, &mut vertex))?;
-        Ok(Some(vertex))
+        let to = sys::DMPolytopeType::DM_POLYTOPE_POINT;
+        get!(DMPlexTransformGetTargetPoint(self.raw, kind, to, point, 0)).map(Some)
     }
 }

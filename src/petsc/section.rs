@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{call, int};
+use super::error::{call, get, int};
 use super::handle::handle;
 use super::{Comm, Context, Index};
 use crate::error::Result;
@@ -36,8 +36,7 @@ impl Section {
         chart: Range<Index>,
         mut dofs: impl FnMut(Index) -> Dofs,
     ) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(PetscSectionCreate(context.raw(comm), &mut raw))?;
+        let raw = get!(PetscSectionCreate(context.raw(comm)))?;
         let section = Self::owning(raw, context);
         call!(PetscSectionSetChart(raw, chart.start, chart.end))?;
         let mut held = Vec::new();
@@ -59,10 +58,8 @@ impl Section {
 
     /// Returns the range of points that the section covers.
     pub fn chart(&self) -> Range<Index> {
-        let (mut start, mut end) = (0, 0);
         // This call cannot fail: the section is set up.
-        let _ = call!(PetscSectionGetChart(self.raw, &mut start, &mut end));
-        start..end
+        get!(PetscSectionGetChart(self.raw; start, end)).map_or(0..0, |(start, end)| start..end)
     }
 
     /// Returns the number of dofs of a point.
@@ -70,8 +67,7 @@ impl Section {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where the point is outside the chart.
     pub fn dofs(&self, point: Index) -> Result<usize> {
-        let mut count = 0;
-        call!(PetscSectionGetDof(self.raw, point, &mut count))?;
+        let count: Index = get!(PetscSectionGetDof(self.raw, point))?;
         Ok(count.unsigned_abs() as usize)
     }
 
@@ -82,16 +78,12 @@ impl Section {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where the point is outside the chart.
     pub fn offset(&self, point: Index) -> Result<Index> {
-        let mut offset = 0;
-        call!(PetscSectionGetOffset(self.raw, point, &mut offset))?;
-        Ok(offset)
+        get!(PetscSectionGetOffset(self.raw, point))
     }
 
     /// Returns the number of dofs of all points of this rank, including constrained ones.
     pub fn size(&self) -> usize {
-        let mut size = 0;
         // This call cannot fail: the section is set up.
-        let _ = call!(PetscSectionGetStorageSize(self.raw, &mut size));
-        size as usize
+        get!(PetscSectionGetStorageSize(self.raw)).unwrap_or_default() as usize
     }
 }

@@ -2,7 +2,7 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{call, int};
+use super::error::{call, get, int};
 use super::handle::handle;
 use super::{Comm, Context, Index, sys};
 use crate::error::Result;
@@ -20,13 +20,11 @@ impl Vector {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(context: &Rc<Context>, comm: Comm, local: usize) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(VecCreate(context.raw(comm), &mut raw))?;
+        let raw = get!(VecCreate(context.raw(comm)))?;
         let vector = Self::owning(raw, context);
         call!(VecSetSizes(raw, int(local)?, sys::PETSC_DETERMINE))?;
         call!(VecSetType(raw, c"standard".as_ptr()))?;
-        call!(VecSet(raw, 0.0))?;
-        Ok(vector)
+        vector.zeroed()
     }
 
     /// Creates a vector of which this rank owns the given entries. Collective.
@@ -44,35 +42,31 @@ impl Vector {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn duplicate(&self) -> Result<Self> {
-        let mut raw = std::ptr::null_mut();
-        call!(VecDuplicate(self.raw, &mut raw))?;
-        let vector = Self::owning(raw, &self.context);
-        call!(VecSet(raw, 0.0))?;
-        Ok(vector)
+        Self::owning(get!(VecDuplicate(self.raw))?, &self.context).zeroed()
+    }
+
+    /// Sets every entry to 0. Collective.
+    pub(super) fn zeroed(mut self) -> Result<Self> {
+        self.fill(0.0)?;
+        Ok(self)
     }
 
     /// Returns the number of entries over all ranks.
     pub fn size(&self) -> usize {
-        let mut size = 0;
         // This call cannot fail: the vector has sizes.
-        let _ = call!(VecGetSize(self.raw, &mut size));
-        size as usize
+        get!(VecGetSize(self.raw)).unwrap_or_default() as usize
     }
 
     /// Returns the number of entries that this rank owns.
     pub fn local_size(&self) -> usize {
-        let mut size = 0;
         // This call cannot fail: the vector has sizes.
-        let _ = call!(VecGetLocalSize(self.raw, &mut size));
-        size as usize
+        get!(VecGetLocalSize(self.raw)).unwrap_or_default() as usize
     }
 
     /// Returns the global positions of this rank's entries.
     pub fn range(&self) -> Range<Index> {
-        let (mut start, mut end) = (0, 0);
         // This call cannot fail: the vector has a layout.
-        let _ = call!(VecGetOwnershipRange(self.raw, &mut start, &mut end));
-        start..end
+        get!(VecGetOwnershipRange(self.raw; start, end)).map_or(0..0, |(start, end)| start..end)
     }
 
     /// Reads this rank's entries.
@@ -80,8 +74,7 @@ impl Vector {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn with_local<T>(&self, read: impl FnOnce(&[f64]) -> T) -> Result<T> {
-        let mut array = std::ptr::null();
-        call!(VecGetArrayRead(self.raw, &mut array))?;
+        let mut array = get!(VecGetArrayRead(self.raw))?;
         // SAFETY: PETSc's array has the local size; it is null only where that is 0.
         let result = read(unsafe { slice(array, self.local_size()) });
         call!(VecRestoreArrayRead(self.raw, &mut array))?;
@@ -96,15 +89,9 @@ impl Vector {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn with_local_mut<T>(&mut self, write: impl FnOnce(&mut [f64]) -> T) -> Result<T> {
-        let mut array = std::ptr::null_mut();
-        call!(VecGetArray(self.raw, &mut array))?;
-        let length = self.local_size();
-        let result = if length == 0 {
-            write(&mut [])
-        } else {
-            // SAFETY: PETSc's array has the local size, and the exclusive borrow prevents aliases.
-            write(unsafe { std::slice::from_raw_parts_mut(array, length) })
-        };
+        let mut array = get!(VecGetArray(self.raw))?;
+        // SAFETY: PETSc's array has the local size, and the exclusive borrow prevents aliases.
+        let result = write(unsafe { slice_mut(array, self.local_size()) });
         call!(VecRestoreArray(self.raw, &mut array))?;
         Ok(result)
     }
@@ -170,9 +157,7 @@ impl Vector {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where the layouts differ.
     pub fn dot(&self, other: &Vector) -> Result<f64> {
-        let mut product = 0.0;
-        call!(VecDot(self.raw, other.raw, &mut product))?;
-        Ok(product)
+        get!(VecDot(self.raw, other.raw))
     }
 
     /// Returns the Euclidean norm. Collective.
@@ -180,9 +165,7 @@ impl Vector {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn norm(&self) -> Result<f64> {
-        let mut norm = 0.0;
-        call!(VecNorm(self.raw, sys::NormType::NORM_2, &mut norm))?;
-        Ok(norm)
+        get!(VecNorm(self.raw, sys::NormType::NORM_2))
     }
 
     /// Returns the largest magnitude of an entry. Collective.
@@ -190,9 +173,7 @@ impl Vector {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn norm_infinity(&self) -> Result<f64> {
-        let mut norm = 0.0;
-        call!(VecNorm(self.raw, sys::NormType::NORM_INFINITY, &mut norm))?;
-        Ok(norm)
+        get!(VecNorm(self.raw, sys::NormType::NORM_INFINITY))
     }
 
     /// Returns the largest entry, or minus the largest f64 for an empty vector. Collective.
@@ -200,9 +181,7 @@ impl Vector {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn all_reduce_max(&self) -> Result<f64> {
-        let mut largest = 0.0;
-        call!(VecMax(self.raw, std::ptr::null_mut(), &mut largest))?;
-        Ok(largest)
+        get!(VecMax(self.raw, std::ptr::null_mut()))
     }
 
     /// Prints all entries in order. Collective.
@@ -224,5 +203,18 @@ pub(super) unsafe fn slice<'a, T>(pointer: *const T, length: usize) -> &'a [T] {
     } else {
         // SAFETY: guaranteed by the caller.
         unsafe { std::slice::from_raw_parts(pointer, length) }
+    }
+}
+
+/// Converts a C array into a slice to write to; a null pointer gives an empty slice.
+///
+/// # Safety
+/// As for [`slice`], and nothing else has access to the values meanwhile.
+pub(super) unsafe fn slice_mut<'a, T>(pointer: *mut T, length: usize) -> &'a mut [T] {
+    if pointer.is_null() || length == 0 {
+        &mut []
+    } else {
+        // SAFETY: guaranteed by the caller.
+        unsafe { std::slice::from_raw_parts_mut(pointer, length) }
     }
 }
