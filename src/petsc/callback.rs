@@ -6,10 +6,11 @@ use super::error::raise;
 use super::{Context, sys};
 use crate::error::{Error, Result};
 use std::cell::RefCell;
+use std::ffi::c_void;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::rc::Rc;
 
-/// Slot in which the callbacks of one solver leave an error for the caller of the solve.
+/// CallbackSlot in which the callbacks of one solver leave an error for the caller of the solve.
 pub(super) type Failure = Rc<RefCell<Option<Error>>>;
 
 /// Rust closure with the context and the error slot that its C trampoline needs.
@@ -19,10 +20,38 @@ pub(super) struct Callback<F: ?Sized> {
     pub run: Box<F>,
 }
 
-impl<F: ?Sized> Callback<F> {
-    /// Boxes the closure, because PETSc keeps its address.
-    pub fn new(context: &Rc<Context>, failure: &Failure, run: Box<F>) -> Box<Self> {
-        Box::new(Self { context: context.clone(), failure: failure.clone(), run })
+/// Place of a callback whose address PETSc holds; the owner destroys the PETSc object first.
+pub(super) struct CallbackSlot<F: ?Sized>(*mut Callback<F>);
+
+impl<F: ?Sized> Default for CallbackSlot<F> {
+    fn default() -> Self {
+        Self(std::ptr::null_mut())
+    }
+}
+
+impl<F: ?Sized> CallbackSlot<F> {
+    /// Registers a closure with PETSc in place of an earlier one.
+    pub fn set<T>(
+        &mut self,
+        context: &Rc<Context>,
+        failure: &Failure,
+        run: Box<F>,
+        register: impl FnOnce(*mut c_void) -> Result<T>,
+    ) -> Result<T> {
+        let callback = Callback { context: context.clone(), failure: failure.clone(), run };
+        let new = Self(Box::into_raw(Box::new(callback)));
+        // The earlier callback is freed at the end of this function.
+        let _old = std::mem::replace(self, new);
+        register(self.0.cast())
+    }
+}
+
+impl<F: ?Sized> Drop for CallbackSlot<F> {
+    fn drop(&mut self) {
+        if !self.0.is_null() {
+            // SAFETY: it came from `Box::into_raw`, and PETSc no longer holds its address.
+            drop(unsafe { Box::from_raw(self.0) });
+        }
     }
 }
 
@@ -52,13 +81,5 @@ pub(super) fn settle(failure: &Failure, result: Result<()>) -> Result<()> {
     match failure.borrow_mut().take() {
         Some(error) => Err(error),
         None => result,
-    }
-}
-
-/// Frees a callback whose address PETSc no longer holds.
-pub(super) fn release<F: ?Sized>(callback: *mut Callback<F>) {
-    if !callback.is_null() {
-        // SAFETY: it came from `Box::into_raw`, and PETSc no longer holds its address.
-        drop(unsafe { Box::from_raw(callback) });
     }
 }

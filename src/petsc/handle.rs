@@ -3,15 +3,15 @@
 /// Defines a handle that owns one reference to a PETSc object; further fields start at their
 /// defaults.
 macro_rules! handle {
-    ($(#[$doc:meta])* $name:ident, $raw:ident, $destroy:ident $(, $field:ident: $type:ty)*) => {
+    ($(#[$doc:meta])* $name:ident $(<$life:lifetime>)?, $raw:ident, $destroy:ident $(, $field:ident: $type:ty)*) => {
         $(#[$doc])*
-        pub struct $name {
+        pub struct $name $(<$life>)? {
             pub(super) raw: $crate::petsc::sys::$raw,
             pub(super) context: std::rc::Rc<$crate::petsc::Context>,
             $(pub(super) $field: $type,)*
         }
 
-        impl $name {
+        impl $(<$life>)? $name $(<$life>)? {
             /// Wraps a reference that PETSc handed over.
             pub(super) fn owning(
                 raw: $crate::petsc::sys::$raw,
@@ -36,13 +36,13 @@ macro_rules! handle {
             }
         }
 
-        impl std::fmt::Debug for $name {
+        impl $(<$life>)? std::fmt::Debug for $name $(<$life>)? {
             fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
                 f.debug_struct(stringify!($name)).field("raw", &self.raw).finish_non_exhaustive()
             }
         }
 
-        impl Drop for $name {
+        impl $(<$life>)? Drop for $name $(<$life>)? {
             fn drop(&mut self) {
                 // A drop cannot return an error code, and the object is gone in any case.
                 let _ = $crate::petsc::error::call!($destroy(&mut self.raw));

@@ -36,6 +36,7 @@ mod vec;
 mod mat;
 mod ksp;
 mod multigrid;
+mod bounded;
 mod snes;
 mod tao;
 mod operator;

@@ -2,8 +2,8 @@
 
 #![allow(unsafe_code)]
 
-use super::callback::{Callback, Failure, guard, release};
-use super::error::{call, int, raise};
+use super::callback::{Callback, CallbackSlot, Failure, guard};
+use super::error::{call, get, int, raise};
 use super::{Comm, Context, Matrix, Vector, sys};
 use crate::error::Result;
 use std::ffi::c_void;
@@ -19,7 +19,7 @@ type Product = dyn FnMut(&Vector, &mut Vector) -> Result<()>;
 pub struct Operator {
     pub(super) matrix: Matrix,
     pub(super) failure: Failure,
-    product: *mut Callback<Product>,
+    _product: CallbackSlot<Product>,
 }
 
 impl Operator {
@@ -33,11 +33,12 @@ impl Operator {
         product: impl FnMut(&Vector, &mut Vector) -> Result<()> + 'static,
     ) -> Result<Self> {
         let failure = Failure::default();
-        let callback = Box::into_raw(Callback::new(context, &failure, Box::new(product) as Box<Product>));
-        let (mut raw, local, end) = (std::ptr::null_mut(), int(local)?, sys::PETSC_DETERMINE);
-        let state = callback.cast::<c_void>();
-        call!(MatCreateShell(context.raw(Comm::World), local, local, end, end, state, &mut raw))?;
-        let operator = Self { matrix: Matrix::owning(raw, context), failure, product: callback };
+        let (comm, local, end) = (context.raw(Comm::World), int(local)?, sys::PETSC_DETERMINE);
+        let mut slot = CallbackSlot::<Product>::default();
+        let raw = slot.set(context, &failure, Box::new(product), |state| {
+            get!(MatCreateShell(comm, local, local, end, end, state))
+        })?;
+        let operator = Self { matrix: Matrix::owning(raw, context), failure, _product: slot };
         // SAFETY: PETSc calls the function of this operation with the arguments of `call_product`.
         let function = unsafe {
             std::mem::transmute::<
@@ -53,12 +54,6 @@ impl Operator {
 impl std::fmt::Debug for Operator {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Operator").finish_non_exhaustive()
-    }
-}
-
-impl Drop for Operator {
-    fn drop(&mut self) {
-        release(self.product);
     }
 }
 

@@ -101,8 +101,19 @@ impl Scaled {
         self.yielding.borrow().is_some()
     }
 
+    /// Returns the matrix of the Jacobian and the function that updates it. The matrix is a copy
+    /// where the method changes its matrix, or bounds yield.
+    pub fn derivative(
+        self: &Rc<Self>,
+        is_changed: bool,
+    ) -> Result<(Matrix, impl FnMut(&Vector, &mut Matrix) -> Result<()> + 'static)> {
+        let (problem, is_copy) = (self.clone(), is_changed || self.yields());
+        let matrix = if is_copy { self.matrix.duplicate()? } else { self.matrix.share()? };
+        Ok((matrix, move |y: &_, copy: &mut _| if is_copy { problem.jacobian(y, copy) } else { Ok(()) }))
+    }
+
     /// Computes the Jacobian of the gradient into a matrix of the same pattern.
-    pub fn jacobian(&self, y: &Vector, matrix: &mut Matrix) -> Result<()> {
+    fn jacobian(&self, y: &Vector, matrix: &mut Matrix) -> Result<()> {
         matrix.copy_from(&self.matrix)?;
         let Some(Yielding { bounds, values: [tangents, _] }) = &mut *self.yielding.borrow_mut() else {
             return Ok(());
@@ -126,22 +137,32 @@ fn evaluate(
     })
 }
 
-/// PETSc method for the scaled problem.
-pub(super) trait Method {
-    /// Solves from the start in y. Returns the reason for stopping and the number of iterations; y
-    /// is meaningless unless the reason is convergence.
-    fn solve(&mut self, problem: &Scaled, y: &mut Vector) -> Result<(Reason, usize)>;
-}
+/// PETSc method for the scaled problem: it solves from the start in y, and returns the reason for
+/// stopping and the number of iterations; y is meaningless unless the reason is convergence.
+pub(super) type Method = Box<dyn FnMut(&Scaled, &mut Vector) -> Result<(Reason, usize)>>;
 
-/// Function that creates a method configured by the options with a prefix.
-type MakeMethod = fn(&Rc<Context>, &Rc<Scaled>, &str) -> Result<Box<dyn Method>>;
+/// Option of PETSc without its prefix, and its value.
+pub(super) type DefaultOption = (&'static str, &'static str);
 
 /// PETSc methods that share an interface: [`SNES`](super::snes::SNES) or [`TAO`](super::tao::TAO).
 #[derive(Clone, Copy)]
 pub struct Family {
     pub(super) name: &'static str,
-    pub(super) check: fn(&Context) -> Result<()>,
-    pub(super) make: MakeMethod,
+    /// Default options, with which the methods converge on plates, and their values. The first one
+    /// names the method.
+    pub(super) defaults: &'static [DefaultOption],
+    /// Default options of the retry, which starts from zero, where they differ from the others.
+    pub(super) safe_defaults: &'static [DefaultOption],
+    /// Methods whose answers are right whenever they report convergence.
+    pub(super) types: &'static [&'static str],
+    /// Methods that a refusal advises, in words.
+    pub(super) advised: &'static str,
+    /// Returns the reason why another method cannot solve a step.
+    pub(super) refusal: fn(&str) -> &'static str,
+    /// Refuses further options with a prefix that cannot solve a step.
+    pub(super) check: fn(&Context, &str) -> Result<()>,
+    /// Creates a method of a name, configured by the options with a prefix.
+    pub(super) make: fn(&Rc<Context>, &Rc<Scaled>, &str, &str) -> Result<Method>,
 }
 
 impl Family {
@@ -163,7 +184,37 @@ impl Family {
                 self.name
             )));
         }
-        (self.check)(context)
+        for prefix in ["", SAFE] {
+            self.kind(context, prefix)?;
+            (self.check)(context, prefix)?;
+        }
+        Ok(())
+    }
+
+    /// Returns the method that the option with a prefix names.
+    fn kind(&self, context: &Context, prefix: &str) -> Result<String> {
+        let (name, usual) = self.defaults[0];
+        let option = format!("{prefix}{name}");
+        let kind = context.option(&option)?.unwrap_or(usual.into());
+        if self.types.contains(&kind.as_str()) {
+            return Ok(kind);
+        }
+        let (why, advised) = ((self.refusal)(&kind), self.advised);
+        Err(Error::Usage(format!("-{option} {kind}: {why}; take {advised}")))
+    }
+
+    /// Creates the usual method and the one that retries.
+    fn methods(&self, context: &Rc<Context>, problem: &Rc<Scaled>) -> Result<[Method; 2]> {
+        let method = |prefix: &str| {
+            if prefix == SAFE {
+                set_defaults(context, prefix, self.safe_defaults)?;
+            }
+            set_defaults(context, prefix, self.defaults)?;
+            let method = (self.make)(context, problem, &self.kind(context, prefix)?, prefix)?;
+            context.accept_options(&format!("{prefix}{}_", self.name.to_lowercase()))?;
+            Ok(method)
+        };
+        Ok([method("")?, method(SAFE)?])
     }
 
     /// Creates the solver of a step; see the [module page](self). Collective.
@@ -203,8 +254,8 @@ struct MatrixProduct {
 struct Bounded {
     family: Family,
     problem: Rc<Scaled>,
-    usual: Box<dyn Method>,
-    safe: Box<dyn Method>,
+    usual: Method,
+    safe: Method,
     condensed: Option<Condensed<Distributed>>,
     factor: DistributedFactor,
     check: KktCheck,
@@ -250,10 +301,11 @@ impl Bounded {
             upper: copy()?,
             yielding: RefCell::new(None),
         });
+        let [usual, safe] = family.methods(context, &problem)?;
         Ok(Bounded {
             family: *family,
-            usual: (family.make)(context, &problem, "")?,
-            safe: (family.make)(context, &problem, SAFE)?,
+            usual,
+            safe,
             problem,
             condensed: None,
             factor,
@@ -321,7 +373,7 @@ impl Bounded {
         self.y.set_local(&y)?;
 
         let method = if safely { &mut self.safe } else { &mut self.usual };
-        let (reason, iterations) = method.solve(&self.problem, &mut self.y)?;
+        let (reason, iterations) = method(&self.problem, &mut self.y)?;
         self.factorisations += iterations as u64;
         if !reason.converged() {
             self.complaint = format!("{} after {iterations} iterations", reason.text);
@@ -360,9 +412,7 @@ impl Bounded {
         };
         self.problem.yielding.replace(Some(Yielding { bounds: own, values }));
         if is_new {
-            let Family { make, .. } = self.family;
-            self.usual = make(engine.context(), &self.problem, "")?;
-            self.safe = make(engine.context(), &self.problem, SAFE)?;
+            [self.usual, self.safe] = self.family.methods(engine.context(), &self.problem)?;
         }
         Ok(())
     }

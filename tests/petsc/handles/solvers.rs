@@ -89,7 +89,7 @@ fn snes_solves_the_obstacle_problem(arguments: &[String]) -> Result<()> {
     // From the solution the method makes no iteration, unless forced.
     solver.solve(&mut x)?;
     assert_eq!(solver.iterations()?, 0);
-    assert!(solver.linear_solver()?.reason()?.converged());
+    assert!(solver.linear_solver()?.unwrap().reason()?.converged());
     context.refuse_unused_options()?;
 
     // Too few iterations are not an error of the call, but appear in the convergence reason.
