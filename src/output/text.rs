@@ -56,6 +56,14 @@ impl Report {
         self.row(label.into(), Value::Number { whole: whole.into(), fraction: fraction.into(), unit })
     }
 
+    /// Adds a row with a number if there is one.
+    pub fn optional(&mut self, label: &str, value: Option<f64>, unit: &'static str) -> &mut Self {
+        if let Some(value) = value {
+            self.number(label, value, unit);
+        }
+        self
+    }
+
     /// Adds a row with a count, shown with all its digits.
     pub fn count(&mut self, label: impl Into<String>, value: u64, unit: &'static str) -> &mut Self {
         self.row(label.into(), Value::Number { whole: grouped(value), fraction: String::new(), unit })
@@ -135,6 +143,44 @@ impl Table {
     pub fn note(&mut self, words: impl Into<String>) -> &mut Self {
         self.lines.push(Err(words.into()));
         self
+    }
+}
+
+/// Columns of a table: their heads, and the functions that give the entries of an item.
+pub struct TableColumns<'a, T>(Vec<(String, Entry<'a, T>)>);
+
+type Entry<'a, T> = Box<dyn Fn(&T) -> String + 'a>;
+
+impl<T> Default for TableColumns<'_, T> {
+    fn default() -> Self {
+        Self(Vec::new())
+    }
+}
+
+impl<'a, T> TableColumns<'a, T> {
+    /// Adds a column.
+    pub fn add(&mut self, head: impl Into<String>, entry: impl Fn(&T) -> String + 'a) {
+        self.0.push((head.into(), Box::new(entry)));
+    }
+
+    /// Returns the heads.
+    pub fn heads(&self) -> Vec<&str> {
+        self.0.iter().map(|(head, _)| head.as_str()).collect()
+    }
+
+    /// Returns the entries of an item.
+    pub fn row(&self, item: &T) -> Vec<String> {
+        self.0.iter().map(|(_, entry)| entry(item)).collect()
+    }
+
+    /// Returns the table of some items.
+    pub fn table<'t>(&self, items: impl IntoIterator<Item = &'t T>) -> Table
+    where
+        T: 't,
+    {
+        let mut table = Table::new(&self.heads());
+        table.lines.extend(items.into_iter().map(|item| Ok(self.row(item))));
+        table
     }
 }
 

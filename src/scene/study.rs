@@ -61,7 +61,7 @@ pub struct Study {
 }
 
 /// Part of a run that determines its rank.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Horizon {
     /// Free motion up to the first impact.
@@ -69,6 +69,7 @@ pub enum Horizon {
     /// Motion up to the second impact, which includes the effect of the first.
     SecondImpact,
     /// Whole run.
+    #[default]
     End,
 }
 

@@ -5,10 +5,11 @@
 //! several ranks, each rank compares the nodes that it owns with a reference that it computes
 //! itself. Only the contender's calls are timed, after a synchronisation of all ranks.
 
+use super::accuracy::plan::solver_name;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
-use crate::output::text::{Table, grouped};
+use crate::output::text::{TableColumns, grouped, two_digits};
 use crate::scene::{ContactSolver, EngineName, Scene};
 use crate::scheme::Scheme;
 use crate::simulation::{self, DeflectionDof, Model, SolverFactory};
@@ -86,10 +87,7 @@ fn unknown(name: &str) -> Error {
 
 impl fmt::Display for Contender {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        write!(f, "{}", self.engine)?;
-        if self.vi != ContactSolver::Condensed {
-            write!(f, ":{}", self.vi)?;
-        }
+        f.write_str(&solver_name(self.engine, self.vi))?;
         self.method.as_ref().map_or(Ok(()), |method| write!(f, ":{method}"))
     }
 }
@@ -346,15 +344,27 @@ impl fmt::Display for Comparison {
         let ranks = if self.ranks == 1 { "1 rank".into() } else { format!("{} ranks", self.ranks) };
         writeln!(f, "{}: {} dofs, {ranks}", self.title, grouped(self.dofs as u64))?;
         let shown = self.impacts.len().min(MOST_IMPACTS);
-        let upto: Vec<String> = (1..=shown).map(|number| format!("up to\nimpact {number}")).collect();
-        let mut heads = vec!["solver", "largest\ndifference, m"];
-        heads.extend(upto.iter().map(String::as_str));
-        heads.extend(["worst KKT\nresidual", "VI\niterations", "factori-\nsations", "solved\nagain"]);
-        heads.extend(["contact\nsteps", "us a\nfree step", "us a\ncontact step", "set-up,\nms"]);
-        let mut table = Table::new(&heads);
+        let time = |seconds: Option<f64>| seconds.map_or("-".into(), |s| format!("{:.1}", 1e6 * s));
+        let mut columns = TableColumns::default();
+        columns.add("solver", |entry: &Entry| entry.name.clone());
+        columns.add("largest\ndifference, m", |entry| two_digits(entry.difference));
+        for k in 0..shown {
+            let upto = move |entry: &Entry| entry.difference_up_to_impact.get(k).copied();
+            let cell = move |entry: &Entry| upto(entry).map_or("-".into(), two_digits);
+            columns.add(format!("up to\nimpact {}", k + 1), cell);
+        }
+        columns.add("worst KKT\nresidual", |entry| two_digits(entry.worst_kkt));
+        columns.add("VI\niterations", |entry| grouped(entry.vi_iterations));
+        columns.add("factori-\nsations", |entry| grouped(entry.factorisations));
+        columns.add("solved\nagain", |entry| grouped(entry.retries));
+        columns.add("contact\nsteps", |entry| grouped(entry.contact_steps));
+        columns.add("us a\nfree step", |entry| time(entry.seconds.free_step));
+        columns.add("us a\ncontact step", |entry| time(entry.seconds.contact_step));
+        columns.add("set-up,\nms", |entry| format!("{:.1}", 1e3 * entry.seconds.set_up));
+        let mut table = columns.table([]);
         for entry in &self.entries {
             if entry.steps > 0 || entry.failure.is_none() {
-                table.row(entry.cells(shown));
+                table.row(columns.row(entry));
             } else {
                 table.row([entry.name.clone()]);
             }
@@ -372,23 +382,5 @@ impl fmt::Display for Comparison {
             writeln!(f, "  impacts at {}; {} in all", times.join(", "), self.impacts.len())?;
         }
         Ok(())
-    }
-}
-
-impl Entry {
-    fn cells(&self, impacts: usize) -> Vec<String> {
-        let small = |value: f64| if value == 0.0 { "0".into() } else { format!("{value:.1e}") };
-        let time = |seconds: Option<f64>| seconds.map_or("-".into(), |s| format!("{:.1}", 1e6 * s));
-        let upto =
-            (0..impacts).map(|k| self.difference_up_to_impact.get(k).map_or("-".into(), |d| small(*d)));
-        let mut cells = vec![self.name.clone()];
-        cells.push(small(self.difference));
-        cells.extend(upto);
-        cells.push(small(self.worst_kkt));
-        cells
-            .extend([self.vi_iterations, self.factorisations, self.retries, self.contact_steps].map(grouped));
-        cells.extend([time(self.seconds.free_step), time(self.seconds.contact_step)]);
-        cells.push(format!("{:.1}", 1e3 * self.seconds.set_up));
-        cells
     }
 }

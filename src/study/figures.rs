@@ -66,16 +66,6 @@ enum Kind {
 }
 
 impl Kind {
-    fn overrides(self) -> Vec<String> {
-        let set = |scheme: &[&str]| scheme.iter().map(ToString::to_string).collect();
-        match self {
-            Kind::Absorbing => set(&["time.restitution=0"]),
-            Kind::Bouncing => set(&["time.restitution=1"]),
-            Kind::Consistent => set(&["time.restitution=0", "time.mass=consistent"]),
-            Kind::Midpoint | Kind::Conserving | Kind::Exact => set(&[]),
-        }
-    }
-
     /// Returns the index of the curve style, if it is the same in all figures.
     fn style(self) -> Option<usize> {
         match self {
@@ -87,9 +77,15 @@ impl Kind {
 
     /// Returns the scene of one of the paper's figures with this variant and step.
     fn scene(self, figure: usize, step: f64) -> Result<Scene> {
-        let mut overrides = self.overrides();
-        overrides.push(format!("time.step={step:e}"));
-        overrides.push(format!("output.every={}", (ROWS / step).round().max(1.0)));
+        let changes = match self {
+            Kind::Absorbing => &["time.restitution=0"][..],
+            Kind::Bouncing => &["time.restitution=1"],
+            Kind::Consistent => &["time.restitution=0", "time.mass=consistent"],
+            Kind::Midpoint | Kind::Conserving | Kind::Exact => &[],
+        };
+        let every = (ROWS / step).round().max(1.0);
+        let timing = [format!("time.step={step:e}"), format!("output.every={every}")];
+        let overrides: Vec<String> = changes.iter().map(ToString::to_string).chain(timing).collect();
         let mut scene = Scene::from_str(SCENES[figure - 1], &format!("fig{figure}.toml"), &overrides)?;
         scene.title = String::new();
         match self {

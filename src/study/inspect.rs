@@ -210,10 +210,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let fastest = with_rigid_balls(&native, free.clone());
     let (advised_step, energy_step) = (advised_for(scene, &fastest), energy_step_for(scene, &fastest));
     let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, &fastest)));
-    let modal = modal_figures::figures(scene, &model, loaded.as_deref())?.map(|(figures, doubt)| {
-        warnings.extend(doubt);
-        figures
-    });
+    let modal = modal_figures::figures(scene, &model, loaded.as_deref(), &mut warnings)?;
     Ok(Inspection {
         title: scene.title.clone(),
         nodes: mesh.nodes.len(),
@@ -252,10 +249,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let (advised_step, energy_step) =
         (advised_for(scene, &frequencies), energy_step_for(scene, &frequencies));
     let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, &frequencies)));
-    let modal = modal_figures::figures(scene, &model, None)?.map(|(figures, doubt)| {
-        warnings.extend(doubt);
-        figures
-    });
+    let modal = modal_figures::figures(scene, &model, None, &mut warnings)?;
     Ok(Check {
         title: scene.title.clone(),
         scene: scene.resolved(),
@@ -361,12 +355,6 @@ fn sizes(report: &mut Report, [nodes, cells, dofs, bounded]: [usize; 4]) {
         .count("bounded dofs", bounded as u64, "");
 }
 
-fn optional(report: &mut Report, label: &str, value: Option<f64>, unit: &'static str) {
-    if let Some(value) = value {
-        report.number(label, value, unit);
-    }
-}
-
 fn closing(report: &mut Report, warnings: &[String]) {
     for warning in warnings {
         report.text("warning", warning);
@@ -384,10 +372,10 @@ impl fmt::Display for Inspection {
         let mut report = Report::new(&self.title);
         sizes(&mut report, [self.nodes, self.cells, self.dofs, self.bounded_dofs]);
         report.number("mass", self.mass, "kg");
-        optional(&mut report, "initial energy", self.initial_energy, "J");
+        report.optional("initial energy", self.initial_energy, "J");
         for Deflection { probe, start, loaded, .. } in &self.deflections {
-            optional(&mut report, &format!("{probe}, start"), *start, "m");
-            optional(&mut report, &format!("{probe}, under load"), *loaded, "m");
+            report.optional(&format!("{probe}, start"), *start, "m");
+            report.optional(&format!("{probe}, under load"), *loaded, "m");
         }
         if let Some(StressPeak { value, at: [x, y], .. }) = self.largest_stress {
             report.number("largest von Mises stress, start", value, "Pa");
@@ -403,18 +391,18 @@ impl fmt::Display for Inspection {
         {
             report.text(format!("frequencies, {name} mass"), format!("{} Hz", list(lowest)));
             if name != "modal" {
-                optional(&mut report, &format!("highest, {name} mass"), *highest, "Hz");
+                report.optional(&format!("highest, {name} mass"), *highest, "Hz");
             }
         }
-        optional(&mut report, "inf-sup, raw dofs", self.inf_sup.raw, "");
-        optional(&mut report, "inf-sup, energy norms", self.inf_sup.energy, "");
+        report.optional("inf-sup, raw dofs", self.inf_sup.raw, "");
+        report.optional("inf-sup, energy norms", self.inf_sup.energy, "");
         if let Some(modal) = &self.modal {
             modal.report(&mut report);
         } else if self.inf_sup.raw.is_none() {
             report.text("inf-sup", "not computed: too near to singular for a mesh of this size");
         }
-        optional(&mut report, "advised step", self.advised_step, "s");
-        optional(&mut report, "  for the energy", self.energy_step, "s");
+        report.optional("advised step", self.advised_step, "s");
+        report.optional("  for the energy", self.energy_step, "s");
         closing(&mut report, &self.warnings);
         report.fmt(f)
     }
@@ -447,11 +435,11 @@ impl fmt::Display for Check {
         report.text("frequencies", format!("{} Hz", list(&self.frequencies.lowest)));
         match &self.modal {
             Some(modal) => modal.report(&mut report),
-            None => optional(&mut report, "highest frequency", self.frequencies.highest, "Hz"),
+            None => drop(report.optional("highest frequency", self.frequencies.highest, "Hz")),
         }
         report.number("step", self.step, "s");
-        optional(&mut report, "advised step", self.advised_step, "s");
-        optional(&mut report, "  for the energy", self.energy_step, "s");
+        report.optional("advised step", self.advised_step, "s");
+        report.optional("  for the energy", self.energy_step, "s");
         if self.any_step {
             report.text("advised step", "any: the motion between instants is exact");
         }

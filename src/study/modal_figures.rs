@@ -50,14 +50,16 @@ pub struct ContactFigures {
     pub condition: f64,
 }
 
-/// Determines the figures of a model with the modal mass, and warnings; `None` for another mass.
+/// Determines the figures of a model with the modal mass, and adds warnings; `None` for another
+/// mass.
 ///
 /// `loaded` is the displacement under the constant load.
 pub(super) fn figures(
     scene: &Scene,
     model: &Model,
     loaded: Option<&[f64]>,
-) -> Result<Option<(ModalFigures, Option<String>)>> {
+    warnings: &mut Vec<String>,
+) -> Result<Option<ModalFigures>> {
     let Form::Modal { modes, .. } = &model.system.mass else { return Ok(None) };
     let (touching, mut doubt) = match touching(scene, model) {
         Ok(touching) => (touching, None),
@@ -75,15 +77,15 @@ pub(super) fn figures(
             doubt = Some(at.refusal().to_string());
         }
     }
-    let figures = ModalFigures {
+    warnings.extend(doubt);
+    Ok(Some(ModalFigures {
         modes: modes.count(),
         highest: modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU),
         touching: touching.len(),
         contact,
         rest_of_start: rest_share(model, &model.start.displacement)?,
         rest_under_load: loaded.map_or(Ok(None), |u| rest_share(model, u))?,
-    };
-    Ok(Some((figures, doubt)))
+    }))
 }
 
 /// Returns the bounded dofs that come into contact during the first period.
@@ -139,13 +141,7 @@ impl ModalFigures {
             report.text("compliance of the rest", eigenvalues);
             report.number("  condition", *condition, "");
         }
-        for (label, share) in [
-            ("rest in the energy, start", self.rest_of_start),
-            ("rest in the energy, under load", self.rest_under_load),
-        ] {
-            if let Some(share) = share {
-                report.number(label, share, "");
-            }
-        }
+        report.optional("rest in the energy, start", self.rest_of_start, "");
+        report.optional("rest in the energy, under load", self.rest_under_load, "");
     }
 }

@@ -13,11 +13,11 @@
 //! `$H^{n+1/2}$` is the invariant of [`crate::scheme::Newmark`]. An energy gain of a scheme without
 //! a promise is not a failure of the program: the table shows the gain and a remedy.
 
-use super::accuracy::plan::{Method, mesh_name};
+use super::accuracy::plan::{Method, distinct, mesh_name, solver_name};
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
-use crate::output::text::{Table, grouped};
+use crate::output::text::{Table, TableColumns, grouped};
 use crate::scene::{ContactSolver, ElementKind, EngineName, Mass, Scene, SchemeSpec};
 use crate::scheme::{self, EnergyPromise};
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
@@ -182,8 +182,7 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Sc
                 continue;
             }
             let mut scene = variant.clone();
-            (scene.time.scheme, scene.time.mass, scene.time.modes) = (method.scheme, method.mass, None);
-            (scene.solver.engine, scene.solver.vi) = (engine, vi);
+            method.set_in(&mut scene);
             scene.solver.energy_guard = scene.solver.energy_guard.min(GUARD);
             (scene.output.every, scene.output.fields) = (1, None);
             variants.push((scene, method));
@@ -381,14 +380,27 @@ impl Stability {
 impl fmt::Display for Case {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         writeln!(f, "{}: {}", self.name, self.title)?;
-        let heads =
-            ["mesh, method", "steps", "in\ncontact", "most\nnodes", "energy over\nstart, least", "most"];
-        let more = ["promise\nbroken by", "worst KKT\nresidual", "pene-\ntration", "VI itera-\ntions"];
-        let last = ["solved\nagain", "us a\nstep", "verdict"];
-        let mut table = Table::new(&[&heads[..], &more, &last].concat());
+        let mut columns = TableColumns::default();
+        columns.add("mesh, method", |trial: &Trial| format!("{}, {}", trial.mesh, trial.method));
+        let mut add = |head: &str, cell: &'static dyn Fn(&Figures) -> String| {
+            columns.add(head, move |trial: &Trial| trial.figures.as_ref().map_or(String::new(), cell));
+        };
+        add("steps", &|figures| grouped(figures.steps));
+        add("in\ncontact", &|figures| grouped(figures.contact_steps));
+        add("most\nnodes", &|figures| grouped(figures.most_contact_nodes as u64));
+        add("energy over\nstart, least", &|figures| format!("{:.4}", figures.energy_min));
+        add("most", &|figures| format!("{:.4}", figures.energy_max));
+        add("promise\nbroken by", &|figures| figures.broken.map_or("-".into(), one_digit));
+        add("worst KKT\nresidual", &|figures| one_digit(figures.worst_kkt));
+        add("pene-\ntration", &|figures| one_digit(figures.penetration));
+        add("VI itera-\ntions", &|figures| grouped(figures.vi_iterations));
+        add("solved\nagain", &|figures| grouped(figures.retries));
+        add("us a\nstep", &|figures| format!("{:.0}", 1e6 * figures.seconds_a_step));
+        columns.add("verdict", |trial| trial.ending.word().into());
+        let mut table = columns.table([]);
         let mut said: Vec<&str> = Vec::new();
         for trial in &self.trials {
-            table.row(trial.cells());
+            table.row(columns.row(trial));
             if let Some(why) = trial.ending.why()
                 && !said.contains(&why)
             {
@@ -400,32 +412,12 @@ impl fmt::Display for Case {
     }
 }
 
-impl Trial {
-    fn cells(&self) -> Vec<String> {
-        let name = format!("{}, {}", self.mesh, self.method);
-        let small = |value: f64| if value == 0.0 { "0".into() } else { format!("{value:.0e}") };
-        let Some(figures) = &self.figures else {
-            let mut cells = vec![String::new(); 13];
-            (cells[0], cells[12]) = (name, self.ending.word().into());
-            return cells;
-        };
-        vec![
-            name,
-            grouped(figures.steps),
-            grouped(figures.contact_steps),
-            grouped(figures.most_contact_nodes as u64),
-            format!("{:.4}", figures.energy_min),
-            format!("{:.4}", figures.energy_max),
-            figures.broken.map_or("-".into(), small),
-            small(figures.worst_kkt),
-            small(figures.penetration),
-            grouped(figures.vi_iterations),
-            grouped(figures.retries),
-            format!("{:.0}", 1e6 * figures.seconds_a_step),
-            self.ending.word().into(),
-        ]
-    }
+/// Formats one significant digit with an exponent.
+fn one_digit(value: f64) -> String {
+    if value == 0.0 { "0".into() } else { format!("{value:.0e}") }
+}
 
+impl Trial {
     /// Returns the entry for the table of all cases.
     fn word(&self) -> String {
         match (&self.ending, &self.figures) {
@@ -445,10 +437,8 @@ impl Stability {
             let alone = Method { engine: EngineName::Native, vi: ContactSolver::Condensed, ..*method };
             heads.push(alone.to_string().replace(' ', "\n"));
         }
-        match (engine, vi) {
-            (EngineName::Native, _) => {}
-            (engine, ContactSolver::Condensed) => heads[0].insert_str(0, &format!("{engine}\n")),
-            (engine, vi) => heads[0].insert_str(0, &format!("{engine}:{vi}\n")),
+        if engine != EngineName::Native {
+            heads[0].insert_str(0, &(solver_name(engine, vi) + "\n"));
         }
         let mut table = Table::new(&heads.iter().map(String::as_str).collect::<Vec<_>>());
         for case in &self.cases {
@@ -472,14 +462,9 @@ impl fmt::Display for Stability {
         for case in &self.cases {
             writeln!(f, "{case}")?;
         }
-        let mut contenders: Vec<(EngineName, ContactSolver)> = Vec::new();
-        for Trial { method: Method { engine, vi, .. }, .. } in self.cases.iter().flat_map(|case| &case.trials)
-        {
-            if !contenders.contains(&(*engine, *vi)) {
-                contenders.push((*engine, *vi));
-            }
-        }
-        let tables = contenders.iter().map(|&(engine, vi)| self.overview(engine, vi).to_string());
+        let trials = self.cases.iter().flat_map(|case| &case.trials);
+        let contenders = distinct(trials.map(|trial| (trial.method.engine, trial.method.vi)));
+        let tables = contenders.into_iter().map(|(engine, vi)| self.overview(engine, vi).to_string());
         f.write_str(&tables.collect::<Vec<_>>().join("\n"))
     }
 }

@@ -1,5 +1,6 @@
 //! Evaluation of a study: Pareto fronts, the cheapest run per accuracy, and orders of convergence.
 
+use super::plan::{distinct, mesh_name};
 use super::trajectory::{Deviation, Parts};
 use super::truth::Family;
 use super::{Accuracy, Limit, Run};
@@ -107,19 +108,13 @@ pub struct SpaceOrder {
 impl Accuracy {
     /// Returns the names of the meshes, without repetition, in the order of limits and runs.
     pub fn meshes(&self) -> Vec<String> {
-        let mut meshes: Vec<String> = Vec::new();
         let of_limits = self.limits.iter().map(|limit| limit.mesh.clone());
-        for mesh in of_limits.chain(self.runs.iter().map(|run| super::mesh_name(&run.case.grid))) {
-            if !meshes.contains(&mesh) {
-                meshes.push(mesh);
-            }
-        }
-        meshes
+        distinct(of_limits.chain(self.runs.iter().map(|run| mesh_name(&run.case.grid))))
     }
 
     /// Returns the runs on a mesh.
     pub fn runs_on(&self, mesh: &str) -> Vec<&Run> {
-        self.runs.iter().filter(|run| super::mesh_name(&run.case.grid) == mesh).collect()
+        self.runs.iter().filter(|run| mesh_name(&run.case.grid) == mesh).collect()
     }
 
     /// Returns the runs on a mesh that are ranked, and the error that ranks them.
@@ -151,14 +146,8 @@ impl Accuracy {
         let mut orders = Vec::new();
         for mesh in self.meshes() {
             let runs = self.runs_on(&mesh);
-            let mut methods: Vec<String> = Vec::new();
-            for run in runs.iter().filter(|run| run.case.method.scheme.name().has_step()) {
-                let method = run.case.method.to_string();
-                if !methods.contains(&method) {
-                    methods.push(method);
-                }
-            }
-            for method in methods {
+            let stepping = runs.iter().filter(|run| run.case.method.scheme.name().has_step());
+            for method in distinct(stepping.map(|run| run.case.method.to_string())) {
                 let own: Vec<&&Run> =
                     runs.iter().filter(|run| run.case.method.to_string() == method).collect();
                 let order = |part: fn(&Parts<Deviation>) -> Option<Deviation>| {

@@ -3,16 +3,15 @@
 use super::Runner;
 use super::cpu::CpuClock;
 use super::norms::{Jet, Metric, Norms, Points, Sampler};
-use super::plan::{Case, mesh_name};
+use super::plan::{Case, mesh_and_space, mesh_name};
 use super::run_native;
 use super::trajectory::{Deviation, Distance, Trajectory};
 use super::truth::{ReferenceSolution, starts};
 use super::types::{Limit, Run, Scales};
 use super::whole::{ReferenceMotion, Samples};
-use crate::dof_map::DofMap;
 use crate::error::Result;
 use crate::mesh::{Cell, Mesh};
-use crate::scene::{EngineName, Grid, Scene, Study};
+use crate::scene::{EngineName, Scene, Study};
 use crate::simulation::{self, Outcome};
 
 /// Limit on the total time of the repetitions of a case, in s; a first run that takes longer is not
@@ -70,15 +69,6 @@ impl Reference {
         let impacts = starts(&finest.impacts);
         Ok(Distance::new(&truth.trajectory, &finest.trajectory, &impacts, Some(&norms), instants))
     }
-}
-
-/// Builds the mesh of a grid and its free dofs.
-pub(super) fn mesh_and_space(base: &Scene, grid: Grid) -> Result<(Mesh, DofMap)> {
-    let mut scene = base.clone();
-    scene.mesh = grid;
-    let mesh = simulation::mesh(&scene)?;
-    let space = simulation::space(&scene, &mesh)?;
-    Ok((mesh, space))
 }
 
 /// Returns the record of a limit, with its error in space.

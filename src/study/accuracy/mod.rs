@@ -28,9 +28,9 @@ use crate::mesh::Point;
 use crate::modes;
 use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, ProbeQuantity, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
-use measuring::{Measurement, PATIENCE, Reference, limit, mesh_and_space, record, take, take_at_once};
+use measuring::{Measurement, PATIENCE, Reference, limit, record, take, take_at_once};
 use norms::Metric;
-use plan::{Case, Plan, mesh_name};
+use plan::{Case, Plan, mesh_and_space, mesh_name};
 use std::rc::Rc;
 use trajectory::{Deviation, Parts, Trajectory};
 use truth::{Family, ReferenceSolution, ReferenceSpec};
@@ -273,7 +273,9 @@ impl Setting<'_> {
             once * (1.0 + repeated)
         };
         let mut truth = |spec: ReferenceSpec| {
-            let (first, last) = spec.family.methods(truth::cells(self.base, spec.grid).unwrap_or(usize::MAX));
+            let (first, last) = spec.family.methods(
+                mesh_and_space(self.base, spec.grid).map_or(usize::MAX, |(mesh, _)| mesh.cells.len()),
+            );
             let method = first.first().copied().unwrap_or(last);
             // A limit is computed twice: exactly both times, or with the step and with twice the
             // step.

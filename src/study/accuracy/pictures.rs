@@ -1,7 +1,7 @@
 //! Pictures of a study: work-precision diagrams, orders, energy drift, cost.
 
 use super::front::{Axis as Ranked, front, pareto};
-use super::plan::Method;
+use super::plan::{Method, distinct};
 use super::whole::Floor;
 use super::{Accuracy, Run, report};
 use crate::error::Result;
@@ -56,13 +56,17 @@ fn short(method: &Method) -> String {
 
 /// Returns the methods of some runs without repetition, which fixes their style in all pictures.
 fn methods<'r>(runs: impl IntoIterator<Item = &'r Run>) -> Vec<Method> {
-    let mut methods: Vec<Method> = Vec::new();
-    for run in runs {
-        if !methods.contains(&run.case.method) {
-            methods.push(run.case.method);
-        }
-    }
-    methods
+    distinct(runs.into_iter().map(|run| run.case.method))
+}
+
+/// Creates a panel with logarithmic axes.
+fn panel(x: Axis, name: &str, heading: impl Into<String>, height: f64) -> Panel {
+    Panel::new(x, Axis::log(name, "")).heading(heading).height(height)
+}
+
+/// Creates the curve of a method; names are left out where a panel above shows them.
+fn curve(number: usize, name: &str, named: bool, points: Vec<[f64; 2]>) -> Curve {
+    Curve::new(if named { name } else { "" }, points).style(number).marks(number)
 }
 
 /// Runs on one mesh.
@@ -78,13 +82,12 @@ struct OnMesh<'a> {
 impl<'a> OnMesh<'a> {
     /// Creates one curve per method; names are left out where a panel above shows them.
     fn curves(&self, named: bool, point: impl Fn(&Run) -> [f64; 2]) -> Vec<Curve> {
-        let curve = |(number, method): (usize, Method)| {
+        let of_method = |(number, method): (usize, Method)| {
             let own = self.runs.iter().filter(|run| run.case.method == method);
             let points: Vec<[f64; 2]> = own.map(|run| point(run)).collect();
-            let name = if named { short(&method) } else { String::new() };
-            Curve::new(name, points).style(number).marks(number)
+            curve(number, &short(&method), named, points)
         };
-        methods(self.runs.iter().copied()).into_iter().enumerate().map(curve).collect()
+        methods(self.runs.iter().copied()).into_iter().enumerate().map(of_method).collect()
     }
 
     /// Draws the error that ranks the runs over their time, with rounding errors at the lower edge.
@@ -109,15 +112,11 @@ impl<'a> OnMesh<'a> {
             Ranked::Time => "relative error in time",
             Ranked::Whole => "relative error",
         };
-        let panel = Panel::new(Axis::log("time", "s"), Axis::log(name, ""))
-            .heading(heading)
-            .height(150.0)
+        let panel = panel(Axis::log("time", "s"), name, heading, 150.0)
             .curve(front_curve(best))
             .curves(self.curves(true, point));
-        match self.axis {
-            Ranked::Time => panel,
-            Ranked::Whole => with_floor(panel, self.accuracy.floor().map(|floor| floor.deflection)),
-        }
+        let floor = self.accuracy.floor().filter(|_| self.axis == Ranked::Whole);
+        with_floor(panel, floor.map(|floor| floor.deflection))
     }
 
     /// Returns the runs of methods whose accuracy depends on the step.
@@ -137,12 +136,11 @@ impl<'a> OnMesh<'a> {
             _ if has_first => vec![Horizon::FirstImpact, until],
             _ => vec![Horizon::End],
         };
-        let panel = |(number, horizon): (usize, &Horizon)| {
+        let of_horizon = |(number, horizon): (usize, &Horizon)| {
             let error = |run: &Run| Some(run.time.as_ref()?.probes.at(*horizon).rms / scale);
             let point = |run: &Run| [run.case.step, error(run).unwrap_or(f64::NAN)];
-            let mut panel = Panel::new(Axis::log("step", "s"), Axis::log("relative error in time", ""))
-                .heading(format!("({}) {}", ['a', 'b'][number], report::horizon_words(*horizon)))
-                .height(120.0)
+            let heading = format!("({}) {}", ['a', 'b'][number], report::horizon_words(*horizon));
+            let mut panel = panel(Axis::log("step", "s"), "relative error in time", heading, 120.0)
                 .curves(stepping.curves(number == 0, point));
             let positive = |[x, y]: &[f64; 2]| *x > 0.0 && *y > 0.0;
             let points: Vec<[f64; 2]> = stepping.runs.iter().map(|run| point(run)).filter(positive).collect();
@@ -156,7 +154,7 @@ impl<'a> OnMesh<'a> {
             }
             panel
         };
-        horizons.iter().enumerate().map(panel).collect()
+        horizons.iter().enumerate().map(of_horizon).collect()
     }
 
     fn energy_drift(&self) -> Panel {
@@ -177,13 +175,10 @@ fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
         front(runs, Ranked::Whole).into_iter().map(|run| [run.seconds(), run.error()]).collect()
     };
     let all: Vec<&Run> = accuracy.runs.iter().collect();
-    let of_mesh = |(number, mesh): (usize, &String)| {
-        Curve::new(mesh.as_str(), points(&accuracy.runs_on(mesh))).style(number).marks(number)
-    };
+    let of_mesh =
+        |(number, mesh): (usize, &String)| curve(number, mesh, true, points(&accuracy.runs_on(mesh)));
     let name = if accuracy.limits.is_empty() { "relative error" } else { "relative error, time and space" };
-    let panel = Panel::new(Axis::log("time", "s"), Axis::log(name, ""))
-        .heading(report::horizon_words(accuracy.until))
-        .height(150.0)
+    let panel = panel(Axis::log("time", "s"), name, report::horizon_words(accuracy.until), 150.0)
         .curve(front_curve(points(&all)))
         .curves(meshes.iter().enumerate().map(of_mesh));
     with_floor(panel, accuracy.floor().map(|floor| floor.deflection))
@@ -213,29 +208,26 @@ fn after_impact(accuracy: &Accuracy) -> Vec<Panel> {
             None => methods.push((name, vec![run])),
         }
     }
-    let panel = |heading: &str, label: &str, error: &dyn Fn(&Run) -> Option<f64>, named: bool| {
-        let curve = |(number, (name, runs)): (usize, &(String, Vec<&Run>))| {
+    let drawn = |heading: &str, error: &dyn Fn(&Run) -> Option<f64>, named: bool| {
+        let of_method = |(number, (name, runs)): (usize, &(String, Vec<&Run>))| {
             let costs: Vec<(f64, f64)> =
                 runs.iter().filter_map(|run| Some((run.seconds(), error(run)?))).collect();
             let points = pareto(&costs).into_iter().map(|k| [costs[k].0, costs[k].1]).collect();
-            let name = if named { name.clone() } else { String::new() };
-            Curve::new(name, points).style(number).marks(number)
+            curve(number, name, named, points)
         };
-        Panel::new(Axis::log("time", "s"), Axis::log(label, ""))
-            .heading(heading)
-            .height(120.0)
-            .curves(methods.iter().enumerate().map(curve))
+        panel(Axis::log("time", "s"), "relative error", heading, 120.0)
+            .curves(methods.iter().enumerate().map(of_method))
     };
     let deflection = |run: &Run| Some(run.whole.after_impact?.rms / scale);
     let split = |run: &Run| Some(run.whole.kinetic?.rms);
     let has = |error: &dyn Fn(&Run) -> Option<f64>| accuracy.runs.iter().any(|run| error(run).is_some());
     let mut panels = Vec::new();
     if has(&deflection) {
-        let drawn = panel("(a) deflection after the first impact", "relative error", &deflection, true);
+        let drawn = drawn("(a) deflection after the first impact", &deflection, true);
         panels.push(with_floor(drawn, of_floor(|floor| floor.after_impact)));
     }
     if has(&split) {
-        let drawn = panel("(b) energy split of the first impact", "relative error", &split, false);
+        let drawn = drawn("(b) energy split of the first impact", &split, false);
         panels.push(with_floor(drawn, of_floor(|floor| floor.kinetic)));
     }
     panels
@@ -255,8 +247,8 @@ fn cost(accuracy: &Accuracy) -> Vec<Panel> {
         dofs.any(|dofs| Some(dofs) != first)
     });
     let methods = methods(&accuracy.runs);
-    let panel = |(place, &element): (usize, &ElementKind)| {
-        let curve = |(number, &method): (usize, &Method)| {
+    let of_element = |(place, &element): (usize, &ElementKind)| {
+        let of_method = |(number, &method): (usize, &Method)| {
             let of = |run: &&Run| run.case.method == method && run.case.grid.element == element;
             let own: Vec<&Run> = accuracy.runs.iter().filter(of).collect();
             let smallest = own.iter().map(|run| run.case.step).fold(f64::INFINITY, f64::min);
@@ -266,15 +258,14 @@ fn cost(accuracy: &Accuracy) -> Vec<Panel> {
                 .map(|run| [run.dofs as f64, run.stepping_seconds])
                 .collect();
             points.sort_by(|a, b| a[0].total_cmp(&b[0]));
-            let name = if place == 0 { short(&method) } else { String::new() };
-            Curve::new(name, points).style(number).marks(number)
+            curve(number, &short(&method), place == 0, points)
         };
         let several = elements.len() > 1;
         let name = if several { format!("{element}, ") } else { String::new() };
         Panel::new(Axis::log("degrees of freedom", ""), Axis::log("time of all steps", "s"))
             .heading(format!("{name}at the smallest step"))
             .height(if several { 110.0 } else { 150.0 })
-            .curves(methods.iter().enumerate().map(curve))
+            .curves(methods.iter().enumerate().map(of_method))
     };
-    elements.iter().enumerate().map(panel).collect()
+    elements.iter().enumerate().map(of_element).collect()
 }

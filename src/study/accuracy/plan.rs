@@ -1,6 +1,8 @@
 //! Plan of a study: the combinations of its lists, and those it leaves out.
 
+use crate::dof_map::DofMap;
 use crate::error::{self, Error};
+use crate::mesh::Mesh;
 use crate::modes::ModeRange;
 use crate::scene::{ContactSolver, EngineName, Grid, Mass, Scene, SchemeName, SchemeSpec, Study};
 use crate::scheme::registry::SchemeOptions;
@@ -38,6 +40,13 @@ impl Method {
     pub(super) fn native(scheme: SchemeSpec, mass: Mass, modes: Option<usize>) -> Method {
         Method { scheme, mass, modes, engine: EngineName::Native, vi: ContactSolver::Condensed }
     }
+
+    /// Sets this method in a scene.
+    pub(in crate::study) fn set_in(&self, scene: &mut Scene) {
+        (scene.time.scheme, scene.time.mass) = (self.scheme, self.mass);
+        scene.time.modes = self.modes.map(ModeRange::Count);
+        (scene.solver.engine, scene.solver.vi) = (self.engine, self.vi);
+    }
 }
 
 impl fmt::Display for Method {
@@ -58,10 +67,33 @@ impl fmt::Display for Method {
         }
         match (engine, vi) {
             (EngineName::Native, ContactSolver::Condensed) => Ok(()),
-            (engine, ContactSolver::Condensed) => write!(f, " {engine}"),
-            (engine, vi) => write!(f, " {engine}:{vi}"),
+            (engine, vi) => write!(f, " {}", solver_name(*engine, *vi)),
         }
     }
+}
+
+/// Returns the name of an engine with a contact solver: `petsc`, `petsc:snes`.
+pub(in crate::study) fn solver_name(engine: EngineName, vi: ContactSolver) -> String {
+    if vi == ContactSolver::Condensed { engine.to_string() } else { format!("{engine}:{vi}") }
+}
+
+/// Returns items without repetition, in their order.
+pub(in crate::study) fn distinct<T: PartialEq>(items: impl Iterator<Item = T>) -> Vec<T> {
+    let mut distinct = Vec::new();
+    for item in items {
+        if !distinct.contains(&item) {
+            distinct.push(item);
+        }
+    }
+    distinct
+}
+
+/// Builds the mesh of a grid and its free dofs.
+pub(super) fn mesh_and_space(base: &Scene, grid: Grid) -> error::Result<(Mesh, DofMap)> {
+    let scene = Scene { mesh: grid, ..base.clone() };
+    let mesh = simulation::mesh(&scene)?;
+    let space = simulation::space(&scene, &mesh)?;
+    Ok((mesh, space))
 }
 
 /// Returns the name of a mesh: `fvs 10x4` after refinement, or `file refine 1`.
@@ -97,16 +129,12 @@ impl Case {
     pub fn scene(&self, base: &Scene, interval: f64) -> Scene {
         let mut scene = base.clone();
         scene.mesh = self.grid;
-        (scene.time.scheme, scene.time.mass, scene.time.step) =
-            (self.method.scheme, self.method.mass, self.step);
-        scene.time.modes = self.method.modes.map(ModeRange::Count);
-        (scene.solver.engine, scene.solver.vi) = (self.method.engine, self.method.vi);
+        self.method.set_in(&mut scene);
+        scene.time.step = self.step;
         scene.output.every = ((interval / self.step).round() as u64).max(1);
         scene
     }
-}
 
-impl Case {
     /// Returns whether all of some words, separated by spaces, are in the name.
     fn has(&self, words: &str) -> bool {
         let name = self.to_string().replace(',', "");
@@ -234,15 +262,8 @@ impl MeshSize {
         if !methods.iter().any(|method| method.modes.is_some() || method.scheme == SchemeSpec::Exact) {
             return none;
         }
-        let scene = Scene { mesh: grid, ..scene.clone() };
-        let size = |scene: &Scene| {
-            let mesh = simulation::mesh(scene)?;
-            Ok::<_, Error>(MeshSize {
-                cells: mesh.cells.len(),
-                dofs: simulation::space(scene, &mesh)?.dofs(),
-            })
-        };
-        size(&scene).unwrap_or(none)
+        mesh_and_space(scene, grid)
+            .map_or(none, |(mesh, space)| MeshSize { cells: mesh.cells.len(), dofs: space.dofs() })
     }
 
     /// Returns a method's name and the reason if it makes no sense on a mesh of this size.
@@ -279,19 +300,21 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
             }
             for &engine in &study.engines {
                 for &vi in &study.vi {
-                    if engine == EngineName::Native && !vi.runs_on_any_engine() {
-                        drop(format!("native:{vi}"), "the native engine has the condensed solver only");
-                        continue;
-                    }
-                    if mass == Mass::Modal && vi != ContactSolver::Condensed {
-                        drop(
+                    let is_native = engine == EngineName::Native;
+                    let lacks = if is_native && !vi.runs_on_any_engine() {
+                        Some((format!("native:{vi}"), "the native engine has the condensed solver only"))
+                    } else if mass == Mass::Modal && vi != ContactSolver::Condensed {
+                        Some((
                             format!("{name} {mass} {vi}"),
                             "the modal mass solves contact in compliance form",
-                        );
-                        continue;
-                    }
-                    if !name.capabilities().is_distributed && engine != EngineName::Native {
-                        drop(format!("{name} {engine}"), "it runs on the native engine");
+                        ))
+                    } else if !name.capabilities().is_distributed && !is_native {
+                        Some((format!("{name} {engine}"), "it runs on the native engine"))
+                    } else {
+                        None
+                    };
+                    if let Some((what, why)) = lacks {
+                        drop(what, why);
                         continue;
                     }
                     let with = |restitution| {

@@ -4,7 +4,7 @@ use super::front::{ACCURACIES, Axis, SpaceOrder, TimeOrder, cheapest, front};
 use super::trajectory::{Deviation, Parts};
 use super::whole::Floor;
 use super::{Accuracy, Run, mesh_name};
-use crate::output::text::{Table, grouped, significant};
+use crate::output::text::{Table, TableColumns, grouped, significant, two_digits};
 use crate::scene::Scene;
 use crate::scene::{Horizon, Mass};
 use serde::{Deserialize, Serialize};
@@ -12,7 +12,7 @@ use std::fmt;
 
 /// Formats a number as `1.2e-3`, or `-` if there is none.
 fn small(value: Option<f64>) -> String {
-    value.map_or("-".into(), |value| if value == 0.0 { "0".into() } else { format!("{value:.1e}") })
+    value.map_or("-".into(), two_digits)
 }
 
 /// Formats an order as `2.01`, or `-` if there is none.
@@ -117,43 +117,30 @@ impl Accuracy {
         let axis = self.ranked_on(mesh).1;
         let has_limits = runs.iter().any(|run| run.time.is_some());
         let (name, errors) = if has_limits { ("", "in time,\nimpact 1") } else { (mesh, "whole,\nimpact 1") };
-        let mut table = Table::new(&[
-            name,
-            "step, s",
-            "steps",
-            "set-up,\nms",
-            "stepping,\nms",
-            errors,
-            "\nimpact 2",
-            "\nend",
-            "whole, after\nimpact 1",
-            "energy\nsplit",
-            "first\nimpact, s",
-            "energy\ndrift",
-            "VI\niterations",
-            "larger\nerror",
-            "",
-        ]);
-        for run in &runs {
-            let has_step = run.case.method.scheme.name().has_step();
-            let mut cells = vec![run.case.method.to_string()];
-            cells.push(if has_step { format!("{:e}", run.case.step) } else { "-".into() });
-            cells.push(grouped(run.steps));
-            cells.extend([run.set_up_seconds, run.stepping_seconds].map(milliseconds));
-            let probes = run.time.as_ref().map_or(&run.whole.probes, |time| &time.probes);
-            cells.extend(parts(probes, self.scales.deflection));
-            cells.push(small(run.whole.after_impact.map(|d| d.rms / self.scales.deflection)));
-            cells.push(small(run.whole.kinetic.map(|d| d.rms)));
-            cells.push(small(run.first_impact_error));
-            cells.push(small(run.energy_drift.map(|[end, _]| end)));
-            cells.push(grouped(run.vi_iterations));
-            cells.push(run.dominating().unwrap_or("-").into());
-            let on_front = front.iter().any(|other| std::ptr::eq(*other, *run));
-            let mark = |is: bool, mark: &str| if is { mark.to_owned() } else { String::new() };
-            cells.push(mark(on_front, "*") + &mark(is_at_floor(run, floor.as_ref()), "~"));
-            table.row(cells);
-        }
-        write!(f, "{table}")?;
+        let scale = self.scales.deflection;
+        let relative = move |d: Deviation| d.rms / scale;
+        let probes = |run: &Run| run.time.as_ref().map_or(run.whole.probes, |time| time.probes);
+        let has_step = |run: &Run| run.case.method.scheme.name().has_step();
+        let is_best = |run: &Run| front.iter().any(|other| std::ptr::eq(*other, run));
+        let is_low = |run: &Run| is_at_floor(run, floor.as_ref());
+        let mark = |is: bool, mark: &'static str| if is { mark } else { "" };
+        let mut columns = TableColumns::default();
+        columns.add(name, |run: &Run| run.case.method.to_string());
+        columns.add("step, s", |run| if has_step(run) { format!("{:e}", run.case.step) } else { "-".into() });
+        columns.add("steps", |run| grouped(run.steps));
+        columns.add("set-up,\nms", |run| milliseconds(run.set_up_seconds));
+        columns.add("stepping,\nms", |run| milliseconds(run.stepping_seconds));
+        columns.add(errors, move |run| small(probes(run).first_impact.map(relative)));
+        columns.add("\nimpact 2", move |run| small(probes(run).second_impact.map(relative)));
+        columns.add("\nend", move |run| small(Some(relative(probes(run).end))));
+        columns.add("whole, after\nimpact 1", move |run| small(run.whole.after_impact.map(relative)));
+        columns.add("energy\nsplit", |run| small(run.whole.kinetic.map(|d| d.rms)));
+        columns.add("first\nimpact, s", |run| small(run.first_impact_error));
+        columns.add("energy\ndrift", |run| small(run.energy_drift.map(|[end, _]| end)));
+        columns.add("VI\niterations", |run| grouped(run.vi_iterations));
+        columns.add("larger\nerror", |run| run.dominating().unwrap_or("-").into());
+        columns.add("", |run| mark(is_best(run), "*").to_owned() + mark(is_low(run), "~"));
+        write!(f, "{}", columns.table(runs.iter().copied()))?;
         writeln!(
             f,
             "    * on the front of {} against seconds   ~ not told from {}",
@@ -199,14 +186,75 @@ impl Accuracy {
 
     /// Formats `study.csv`: one row per run, every number to the last bit.
     pub fn csv(&self) -> String {
-        let mut text = HEADS.join(",") + "\n";
+        let columns = self.columns();
+        let rows = self.runs.iter().map(|run| columns.row(run).join(",") + "\n");
+        columns.heads().join(",") + "\n" + &rows.collect::<String>()
+    }
+
+    /// Returns the columns of `study.csv`.
+    ///
+    /// Errors at the probes are in m, L2 norms in m2, energy norms in J^(1/2); `time_error`,
+    /// `space_error`, `whole_error` and `energy_split` are relative.
+    fn columns(&self) -> TableColumns<'_, Run> {
         let floor = self.floor();
-        for run in &self.runs {
-            let on_mesh = self.front_on(&mesh_name(&run.case.grid));
-            let on_front = on_mesh.iter().any(|other| std::ptr::eq(*other, run));
-            text += &(row(run, is_at_floor(run, floor.as_ref()), on_front).join(",") + "\n");
-        }
-        text
+        let is_best = |run: &Run| {
+            let front = self.front_on(&mesh_name(&run.case.grid));
+            front.iter().any(|other| std::ptr::eq(*other, run))
+        };
+        let mut columns = TableColumns::default();
+        columns.add("mesh", |run: &Run| mesh_name(&run.case.grid));
+        columns.add("scheme", |run| run.case.method.scheme.name().to_string());
+        columns.add("mass", |run| run.case.method.mass.to_string());
+        columns.add("restitution", |run| {
+            run.case.method.scheme.restitution().map_or(String::new(), |e| e.to_string())
+        });
+        columns.add("engine", |run| run.case.method.engine.to_string());
+        columns.add("vi", |run| run.case.method.vi.to_string());
+        columns.number("step", |run| Some(run.case.step));
+        columns.add("dofs", |run| run.dofs.to_string());
+        columns.add("steps", |run| run.steps.to_string());
+        columns.add("contact_steps", |run| run.contact_steps.to_string());
+        columns.add("vi_iterations", |run| run.vi_iterations.to_string());
+        columns.add("factorisations", |run| run.factorisations.to_string());
+        columns.number("set_up_seconds", |run| Some(run.set_up_seconds));
+        columns.number("stepping_seconds", |run| Some(run.stepping_seconds));
+        columns.number("time_error", |run| run.time_error);
+        columns.number("space_error", |run| run.space_error);
+        columns.parts("probe", |run| Some(run.time.as_ref()?.probes));
+        columns.parts("l2", |run| run.time.as_ref()?.l2);
+        columns.parts("energy_norm", |run| run.time.as_ref()?.energy);
+        columns.number("first_impact_error", |run| run.first_impact_error);
+        columns.number("energy_drift", |run| run.energy_drift.map(|[end, _]| end));
+        columns.number("largest_energy_drift", |run| run.energy_drift.map(|[_, largest]| largest));
+        columns.number("worst_kkt", |run| Some(run.worst_kkt));
+        columns.add("at_floor", move |run| is_at_floor(run, floor.as_ref()).to_string());
+        columns.add("on_front", move |run| is_best(run).to_string());
+        columns.add("modes", |run| run.case.method.modes.map_or(String::new(), |modes| modes.to_string()));
+        columns.number("whole_error", |run| Some(run.whole_error));
+        columns.parts("whole", |run| Some(run.whole.probes));
+        columns.deviation("whole", "_after_impact", |run| run.whole.after_impact);
+        columns.number("energy_split", |run| run.whole.kinetic.map(|d| d.rms));
+        columns
+    }
+}
+
+impl<'a> TableColumns<'a, Run> {
+    /// Adds a column of numbers to the last bit, empty where there is none.
+    fn number(&mut self, head: impl Into<String>, value: impl Fn(&Run) -> Option<f64> + 'a) {
+        self.add(head, move |run| value(run).map_or(String::new(), |value| format!("{value:e}")));
+    }
+
+    /// Adds the root mean square and the maximum of a deviation.
+    fn deviation(&mut self, head: &str, end: &str, value: impl Fn(&Run) -> Option<Deviation> + Copy + 'a) {
+        self.number(format!("{head}_rms{end}"), move |run| value(run).map(|d| d.rms));
+        self.number(format!("{head}_max{end}"), move |run| value(run).map(|d| d.max));
+    }
+
+    /// Adds the deviations of the three parts of a run.
+    fn parts(&mut self, head: &str, values: fn(&Run) -> Option<Parts<Deviation>>) {
+        self.deviation(head, "_first_impact", move |run| values(run)?.first_impact);
+        self.deviation(head, "_second_impact", move |run| values(run)?.second_impact);
+        self.deviation(head, "", move |run| Some(values(run)?.end));
     }
 }
 
@@ -214,107 +262,6 @@ impl Accuracy {
 fn is_at_floor(run: &Run, floor: Option<&Floor>) -> bool {
     run.at_floor || run.time.is_none() && floor.is_some_and(|floor| run.whole_error < floor.deflection)
 }
-
-/// Returns the row of `study.csv` of a run.
-fn row(run: &Run, is_at_floor: bool, on_front: bool) -> Vec<String> {
-    let method = &run.case.method;
-    let optional = |value: Option<f64>| value.map_or(String::new(), |value| format!("{value:e}"));
-    let mut row = vec![
-        mesh_name(&run.case.grid),
-        method.scheme.name().to_string(),
-        method.mass.to_string(),
-        method.scheme.restitution().map_or(String::new(), |e| e.to_string()),
-        method.engine.to_string(),
-        method.vi.to_string(),
-        format!("{:e}", run.case.step),
-        run.dofs.to_string(),
-        run.steps.to_string(),
-        run.contact_steps.to_string(),
-        run.vi_iterations.to_string(),
-        run.factorisations.to_string(),
-        format!("{:e}", run.set_up_seconds),
-        format!("{:e}", run.stepping_seconds),
-        optional(run.time_error),
-        optional(run.space_error),
-    ];
-    let columns = |of: Option<Parts<Deviation>>| {
-        let rms = |d: Option<Deviation>| optional(d.map(|d| d.rms));
-        let max = |d: Option<Deviation>| optional(d.map(|d| d.max));
-        let of = of.map(|of| [of.first_impact, of.second_impact, Some(of.end)]).unwrap_or_default();
-        of.into_iter().flat_map(move |d| [rms(d), max(d)]).collect::<Vec<String>>()
-    };
-    row.extend(columns(run.time.as_ref().map(|time| time.probes)));
-    row.extend(columns(run.time.as_ref().and_then(|time| time.l2)));
-    row.extend(columns(run.time.as_ref().and_then(|time| time.energy)));
-    row.push(optional(run.first_impact_error));
-    row.extend([0, 1].map(|k| optional(run.energy_drift.map(|drift| drift[k]))));
-    row.extend([format!("{:e}", run.worst_kkt), is_at_floor.to_string(), on_front.to_string()]);
-    row.push(method.modes.map_or(String::new(), |modes| modes.to_string()));
-    row.push(format!("{:e}", run.whole_error));
-    row.extend(columns(Some(run.whole.probes)));
-    row.push(optional(run.whole.after_impact.map(|d| d.rms)));
-    row.push(optional(run.whole.after_impact.map(|d| d.max)));
-    row.push(optional(run.whole.kinetic.map(|d| d.rms)));
-    row
-}
-
-/// Columns of `study.csv`.
-///
-/// Errors at the probes are in m, L2 norms in m2, energy norms in J^(1/2); `time_error`,
-/// `space_error`, `whole_error` and `energy_split` are relative.
-const HEADS: [&str; 51] = [
-    "mesh",
-    "scheme",
-    "mass",
-    "restitution",
-    "engine",
-    "vi",
-    "step",
-    "dofs",
-    "steps",
-    "contact_steps",
-    "vi_iterations",
-    "factorisations",
-    "set_up_seconds",
-    "stepping_seconds",
-    "time_error",
-    "space_error",
-    "probe_rms_first_impact",
-    "probe_max_first_impact",
-    "probe_rms_second_impact",
-    "probe_max_second_impact",
-    "probe_rms",
-    "probe_max",
-    "l2_rms_first_impact",
-    "l2_max_first_impact",
-    "l2_rms_second_impact",
-    "l2_max_second_impact",
-    "l2_rms",
-    "l2_max",
-    "energy_norm_rms_first_impact",
-    "energy_norm_max_first_impact",
-    "energy_norm_rms_second_impact",
-    "energy_norm_max_second_impact",
-    "energy_norm_rms",
-    "energy_norm_max",
-    "first_impact_error",
-    "energy_drift",
-    "largest_energy_drift",
-    "worst_kkt",
-    "at_floor",
-    "on_front",
-    "modes",
-    "whole_error",
-    "whole_rms_first_impact",
-    "whole_max_first_impact",
-    "whole_rms_second_impact",
-    "whole_max_second_impact",
-    "whole_rms",
-    "whole_max",
-    "whole_rms_after_impact",
-    "whole_max_after_impact",
-    "energy_split",
-];
 
 /// Formats the root mean squares of the three parts, divided by a scale.
 fn parts(of: &Parts<Deviation>, scale: f64) -> [String; 3] {

@@ -3,6 +3,7 @@
 use super::norms::Norms;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::difference;
 use crate::scene::{Horizon, Scene};
 use crate::scheme::Scheme;
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
@@ -46,23 +47,6 @@ impl Observer for TrajectoryRecorder {
     }
 }
 
-impl TrajectoryRecorder {
-    /// Returns the record without a last row that lies between two instants of comparison.
-    ///
-    /// Such a row is written where the run's end is no multiple of the interval.
-    fn finish(self, scene: &Scene) -> Trajectory {
-        let mut trajectory = self.trajectory;
-        if !scene.time.steps().is_multiple_of(scene.output.every) {
-            trajectory.times.pop();
-            trajectory.probes.pop();
-            trajectory.energies.pop();
-            trajectory.kinetic.pop();
-            trajectory.fields.pop();
-        }
-        trajectory
-    }
-}
-
 impl Trajectory {
     /// Runs a model and records its rows.
     ///
@@ -74,10 +58,7 @@ impl Trajectory {
         solver: &SolverFactory<E>,
         keep_fields: bool,
     ) -> Result<(Trajectory, Outcome)> {
-        let mut recorder = TrajectoryRecorder { trajectory: Trajectory::default(), keep_fields };
-        let (outcome, ended) = simulation::run(scene, model, solver, &mut recorder)?;
-        ended?;
-        Ok((recorder.finish(scene), outcome))
+        Self::recorded(scene, keep_fields, |recorder| simulation::run(scene, model, solver, recorder))
     }
 
     /// Follows a scheme from its start and records its rows.
@@ -90,10 +71,31 @@ impl Trajectory {
         scheme: Box<dyn Scheme + '_>,
         keep_fields: bool,
     ) -> Result<(Trajectory, Outcome)> {
+        Self::recorded(scene, keep_fields, |recorder| {
+            simulation::run_scheme(scene, model, scheme, 0.0, recorder)
+        })
+    }
+
+    /// Returns the record of a run without a last row that lies between two instants of comparison.
+    ///
+    /// Such a row is written where the run's end is no multiple of the interval.
+    fn recorded(
+        scene: &Scene,
+        keep_fields: bool,
+        run: impl FnOnce(&mut TrajectoryRecorder) -> Result<(Outcome, Result<()>)>,
+    ) -> Result<(Trajectory, Outcome)> {
         let mut recorder = TrajectoryRecorder { trajectory: Trajectory::default(), keep_fields };
-        let (outcome, ended) = simulation::run_scheme(scene, model, scheme, 0.0, &mut recorder)?;
+        let (outcome, ended) = run(&mut recorder)?;
         ended?;
-        Ok((recorder.finish(scene), outcome))
+        let mut trajectory = recorder.trajectory;
+        if !scene.time.steps().is_multiple_of(scene.output.every) {
+            trajectory.times.pop();
+            trajectory.probes.pop();
+            trajectory.energies.pop();
+            trajectory.kinetic.pop();
+            trajectory.fields.pop();
+        }
+        Ok((trajectory, outcome))
     }
 
     /// Returns the largest deflection at any probe, in m, which is the scale of relative errors.
@@ -124,7 +126,7 @@ pub struct Deviation {
 
 impl Deviation {
     /// Returns the deviation of some errors.
-    pub(super) fn of(errors: impl Iterator<Item = f64>) -> Deviation {
+    fn of(errors: impl Iterator<Item = f64>) -> Deviation {
         let (mut sum, mut number, mut max) = (0.0, 0_usize, 0.0_f64);
         for error in errors {
             sum += error * error;
@@ -132,6 +134,12 @@ impl Deviation {
             max = if error.is_nan() { f64::NAN } else { max.max(error.abs()) };
         }
         Deviation { rms: (sum / number.max(1) as f64).sqrt(), max }
+    }
+
+    /// Returns the deviation of the errors at the instants of an interval, one row per instant.
+    pub(super) fn within(times: &[f64], errors: &[Vec<f64>], [from, to]: [f64; 2]) -> Deviation {
+        let rows = times.iter().zip(errors).filter(|(time, _)| from <= **time && **time <= to);
+        Deviation::of(rows.flat_map(|(_, row)| row.iter().copied()))
     }
 }
 
@@ -205,14 +213,11 @@ impl Distance {
     ) -> Distance {
         let count = run.times.len().min(reference.times.len());
         let times = &reference.times[..count];
-        let part = |values: &[Vec<f64>], end: f64| {
-            let within = times.iter().zip(values).filter(|(time, _)| **time <= end);
-            Deviation::of(within.flat_map(|(_, errors)| errors.iter().copied()))
+        let parts = |values: &[Vec<f64>]| {
+            Parts::new(impacts, |end| Deviation::within(times, values, [f64::NEG_INFINITY, end]))
         };
-        let parts = |values: &[Vec<f64>]| Parts::new(impacts, |end| part(values, end));
-        let difference = |(a, b): (&Vec<f64>, &Vec<f64>)| a.iter().zip(b).map(|(a, b)| a - b).collect();
-        let probes: Vec<Vec<f64>> = run.probes.iter().zip(&reference.probes).map(difference).collect();
-        let mut distance = Distance { probes: parts(&probes), ..Distance::default() };
+        let probes = parts(&differences(&run.probes, &reference.probes));
+        let mut distance = Distance { probes, ..Distance::default() };
         let Some(norms) = norms else { return distance };
         let column = |of: fn(&Norms) -> f64| norms.iter().map(|norms| vec![of(norms)]).collect::<Vec<_>>();
         distance.l2 = Some(parts(&column(|norms| norms.l2)));
@@ -224,4 +229,9 @@ impl Distance {
         }
         distance
     }
+}
+
+/// Returns the differences of values, one row per instant that both motions have.
+pub(super) fn differences(a: &[Vec<f64>], b: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    a.iter().zip(b).map(|(a, b)| difference(a, b)).collect()
 }

@@ -4,13 +4,13 @@
 //! restitution. With the consistent mass it depends on the restitution law, so that each method has
 //! a limit of its own.
 
-use super::plan::{Case, EXACT_CELLS, EXACT_MODES, Method};
+use super::plan::{Case, EXACT_CELLS, EXACT_MODES, Method, mesh_and_space};
 use super::trajectory::{Distance, Trajectory};
 use super::{Runner, run_native};
 use crate::error::Result;
 use crate::scene::{Grid, Mass, Massless, Scene, SchemeSpec};
 use crate::scheme::{Exact, ExactOptions};
-use crate::simulation::{self, Model, Outcome};
+use crate::simulation::{Model, Outcome};
 use std::fmt;
 
 /// First interval of the event search, in periods of the fastest mode divided by 2 pi.
@@ -68,12 +68,6 @@ impl Family {
             Family::Consistent(scheme) => (vec![], native(scheme, Mass::Consistent)),
         }
     }
-}
-
-/// Returns the number of cells of a mesh.
-pub(super) fn cells(base: &Scene, grid: Grid) -> Result<usize> {
-    let scene = Scene { mesh: grid, ..base.clone() };
-    Ok(simulation::mesh(&scene)?.cells.len())
 }
 
 impl fmt::Display for Family {
@@ -151,7 +145,7 @@ impl ReferenceSolution {
             let source = if exact { method.to_string() } else { format!("{method}, {step:e} s") };
             Ok((source, fine, outcome, coarse))
         };
-        let cells = cells(base, grid)?;
+        let cells = mesh_and_space(base, grid)?.0.cells.len();
         let (first, last) = family.methods(cells);
         let mut refused = match family {
             Family::Singular if cells > EXACT_CELLS => {

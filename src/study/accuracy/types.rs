@@ -117,7 +117,7 @@ pub struct Failure {
 }
 
 /// Results of a study: the cost and the errors of each run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
     /// Title of the scene.
     pub title: String,
@@ -156,19 +156,11 @@ impl Accuracy {
     pub(super) fn unknown(base: &Scene, study: &Study, interval: f64) -> Accuracy {
         Accuracy {
             title: base.title.clone(),
-            complete: false,
             until: study.until,
             interval,
             probes: base.output.probes.iter().map(|probe| probe.name.clone()).collect(),
-            scales: Scales::default(),
-            reference: String::new(),
-            motion: ReferenceMotion::default(),
-            best: Vec::new(),
-            limits: Vec::new(),
-            runs: Vec::new(),
-            failures: Vec::new(),
-            dropped: Vec::new(),
             at_once: 1,
+            ..Accuracy::default()
         }
     }
 

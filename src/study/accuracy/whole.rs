@@ -5,7 +5,7 @@
 //! run moves freely: the *energy split* is the root mean square of its difference there, relative
 //! to the energy at the start.
 
-use super::trajectory::{Deviation, Parts, Trajectory};
+use super::trajectory::{Deviation, Parts, Trajectory, differences};
 use crate::scene::{Horizon, Mass};
 use serde::{Deserialize, Serialize};
 
@@ -76,24 +76,17 @@ impl ReferenceMotion {
 
     /// Returns the distance between two runs, in the intervals of this motion.
     fn between(&self, a: &Samples, b: &Samples) -> Whole {
-        let differences = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
-        let probes: Vec<Vec<f64>> = a.probes.iter().zip(&b.probes).map(|(a, b)| differences(a, b)).collect();
+        let probes = differences(&a.probes, &b.probes);
+        let within = |values: &[Vec<f64>], interval| Deviation::within(&self.times, values, interval);
         let starts: Vec<f64> = self.impacts.iter().map(|[start, _]| *start).collect();
-        let within = |values: &[Vec<f64>], from: f64, to: f64| {
-            let within = |time: f64| from <= time && time <= to;
-            let rows = self.times.iter().zip(values).filter(|(time, _)| within(**time));
-            Deviation::of(rows.flat_map(|(_, row)| row.iter().copied()))
-        };
         let flight = self.flight();
-        let kinetic = flight.filter(|_| self.energy > 0.0).map(|[from, to]| {
-            let relative =
-                |difference: f64| vec![difference / if self.energy > 0.0 { self.energy } else { 1.0 }];
-            let rows: Vec<Vec<f64>> = differences(&a.kinetic, &b.kinetic).into_iter().map(relative).collect();
-            within(&rows, from, to)
+        let kinetic = flight.filter(|_| self.energy > 0.0).map(|flight| {
+            let pairs = a.kinetic.iter().zip(&b.kinetic);
+            within(&pairs.map(|(a, b)| vec![(a - b) / self.energy]).collect::<Vec<_>>(), flight)
         });
         Whole {
-            probes: Parts::new(&starts, |end| within(&probes, f64::NEG_INFINITY, end)),
-            after_impact: flight.map(|[from, to]| within(&probes, from, to)),
+            probes: Parts::new(&starts, |end| within(&probes, [f64::NEG_INFINITY, end])),
+            after_impact: flight.map(|flight| within(&probes, flight)),
             kinetic,
         }
     }
