@@ -6,7 +6,7 @@ use super::printing::OutputMode;
 use crate::error::{Error, Result};
 use crate::scene::{EngineName, Scene};
 use clap::Args;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Scene file with overrides and solver settings.
 #[derive(Debug, Args)]
@@ -32,6 +32,12 @@ pub(super) struct SceneArgs {
 }
 
 impl SceneArgs {
+    /// Returns the folder of the results: the one given, or one of the scene file's name.
+    pub fn folder(&self, out: Option<&Path>, parent: &str) -> PathBuf {
+        let stem = self.scene.file_stem().unwrap_or(self.scene.as_os_str());
+        out.map_or_else(|| Path::new(parent).join(stem), Path::to_path_buf)
+    }
+
     /// Opens the cache of natural modes.
     pub fn open_cache(&self) -> ModeCache {
         self.cache.open(self.voice.is_silent())

@@ -8,7 +8,7 @@ use crate::output::checkpoint::Identity;
 use crate::output::claim;
 use crate::output::run_files::RecordedRun;
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Simulate a scene.
 #[derive(Debug, Args)]
@@ -27,7 +27,7 @@ pub struct Run {
 impl Run {
     pub(super) fn execute(&self) -> Result<()> {
         let scene = self.scene.load()?;
-        let folder = self.folder();
+        let folder = self.scene.folder(self.out.as_deref(), "runs");
         let file = std::path::absolute(&self.scene.scene).map_err(Error::io(&self.scene.scene))?;
         let identity = Identity::of(&scene)?;
         let resolved = serde_json::to_value(&scene).unwrap_or_default();
@@ -36,10 +36,5 @@ impl Run {
         let petsc = self.scene.petsc.clone();
         let run = RecordedRun { scene, file, identity, folder, petsc };
         Job { run, cache, voice, from: None }.execute()
-    }
-
-    fn folder(&self) -> PathBuf {
-        let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
-        self.out.clone().unwrap_or_else(|| Path::new("runs").join(stem()))
     }
 }

@@ -3,7 +3,7 @@
 use super::cache::CacheArgs;
 use super::hard_scenes::HardScenes;
 use super::help;
-use super::printing::{json, print};
+use super::printing::OutputMode;
 use crate::error::{Error, Result};
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
@@ -34,17 +34,13 @@ pub struct Stable {
     with: Vec<String>,
     #[command(flatten)]
     cache: CacheArgs,
-    /// Print JSON on standard output
-    #[arg(long)]
-    json: bool,
-    /// Print errors only
-    #[arg(long, short)]
-    quiet: bool,
+    #[command(flatten)]
+    voice: OutputMode,
 }
 
 impl Stable {
     pub(super) fn execute(&self) -> Result<()> {
-        let _cache = self.cache.open(self.json || self.quiet);
+        let _cache = self.cache.open(self.voice.is_silent());
         let contenders = self.with.iter().map(|name| Contender::parse(name)).collect::<Result<Vec<_>>>()?;
         let own = if self.scenes.is_empty() { Some(HardScenes::unpack()?) } else { None };
         let given = self.scenes.iter().map(PathBuf::as_path);
@@ -87,11 +83,7 @@ impl Stable {
             }
             stability.cases.push(case);
         }
-        match (self.json, self.quiet) {
-            (true, _) => print(&json(&stability)?)?,
-            (false, false) => print(&stability.to_string())?,
-            (false, true) => {}
-        }
+        self.voice.print(&stability, &stability)?;
         stability.verdict()
     }
 }

@@ -5,6 +5,7 @@ use super::help;
 use super::printing::{command_line, print};
 use crate::error::{Error, Result};
 use crate::input;
+use crate::output::progress::moving_line;
 use crate::output::summary::write_json;
 use crate::output::write_atomic;
 use crate::output::{claim, remove, report};
@@ -19,7 +20,7 @@ use crate::simulation::Model;
 use crate::study::accuracy::trajectory::Trajectory;
 use crate::study::accuracy::{self, Accuracy, Runner, Watch, pictures};
 use clap::Args;
-use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::{HumanDuration, ProgressBar};
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -162,7 +163,7 @@ impl Study {
     }
 
     fn make(&self, scene: &Scene, study: &crate::scene::Study, run: &Runner) -> Result<()> {
-        let folder = self.folder();
+        let folder = self.scene.folder(self.out.as_deref(), "studies");
         let quiet = self.scene.voice.is_silent();
         let (command, hash) = (command_line(), scene.hash());
         self.refuse_results(&folder, &hash)?;
@@ -176,10 +177,10 @@ impl Study {
             let (runs, failures) = (known.runs.len(), known.failures.len());
             eprintln!("going on in {}: {runs} runs and {failures} failures are known", folder.display());
         }
-        let mut watch =
-            Files { folder: &folder, command: &command, scene, hash: &hash, line: Line::new(quiet), quiet };
+        let line = moving_line("{pos}/{len}  {elapsed}  {wide_msg}", Some(0), quiet);
+        let mut watch = Files { folder: &folder, command: &command, scene, hash: &hash, line, quiet };
         let accuracy = accuracy::study(scene, study, known, run, self.jobs.get(), &mut watch)?;
-        watch.line.0.finish_and_clear();
+        watch.line.finish_and_clear();
         pictures::write(&accuracy, &folder.join("plots"), &command)?;
         self.scene.voice.print(&accuracy, &accuracy.summary(&command, scene, &hash))?;
         if !quiet {
@@ -202,11 +203,6 @@ impl Study {
             folder.display()
         )))
     }
-
-    fn folder(&self) -> PathBuf {
-        let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
-        self.out.clone().unwrap_or_else(|| Path::new("studies").join(stem()))
-    }
 }
 
 /// Names of the files that a study writes into its folder.
@@ -218,13 +214,13 @@ struct Files<'f> {
     command: &'f str,
     scene: &'f Scene,
     hash: &'f str,
-    line: Line,
+    line: ProgressBar,
     quiet: bool,
 }
 
 impl Watch for Files<'_> {
     fn begins(&mut self, parts: usize, seconds: f64) {
-        self.line.0.set_length(parts as u64);
+        self.line.set_length(parts as u64);
         if !self.quiet {
             let time = Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX);
             // The report alone goes to standard output.
@@ -233,24 +229,12 @@ impl Watch for Files<'_> {
     }
 
     fn starts(&mut self, what: &str) {
-        self.line.0.set_message(what.to_owned());
+        self.line.set_message(what.to_owned());
     }
 
     fn done(&mut self, so_far: &Accuracy) -> Result<()> {
-        self.line.0.inc(1);
+        self.line.inc(1);
         write_json(&self.folder.join("study.json"), &so_far.summary(self.command, self.scene, self.hash))?;
         write_atomic(&self.folder.join("study.csv"), so_far.csv().as_bytes())
-    }
-}
-
-/// Progress line on the terminal.
-struct Line(ProgressBar);
-
-impl Line {
-    fn new(quiet: bool) -> Line {
-        let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let style = ProgressStyle::with_template("{pos}/{len}  {elapsed}  {wide_msg}")
-            .expect("the template is well-formed");
-        Line(ProgressBar::with_draw_target(Some(0), target).with_style(style))
     }
 }

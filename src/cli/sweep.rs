@@ -2,7 +2,7 @@
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
 use super::help;
-use super::printing::{command_line, print};
+use super::printing::command_line;
 #[cfg(feature = "petsc")]
 use super::ranks;
 use super::{launch, signal};
@@ -11,6 +11,7 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::Identity;
 use crate::output::claim::RunLock;
+use crate::output::progress::moving_line;
 use crate::scene::{EngineName, Scene, SweepSpec};
 #[cfg(not(feature = "petsc"))]
 use crate::simulation::Model;
@@ -18,7 +19,7 @@ use crate::sweep::{self, CarriedState, Loader, SweepRecord, SweepReport, SweepRo
 #[cfg(feature = "petsc")]
 use crate::sweep::{RankedSweep, SweepPart};
 use clap::Args;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use indicatif::ProgressBar;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
@@ -207,22 +208,16 @@ impl SweepArgs {
         if is_complete {
             store.clear_states()?;
         }
-        let (quiet, json) = (self.scene.voice.quiet, self.scene.voice.json);
         let shown = folder.display();
         let mut text =
             format!("{}\n{} runs, {} failed\n", report.title, report.rows.len(), report.failures());
         text += &format!("{shown}/{}, {}\n", sweep::CSV, sweep::JSON);
         text.extend(pictures.iter().map(|name| format!("{shown}/plots/{name}.svg, .png\n")));
-        match (json, quiet) {
-            (true, _) => print(&super::printing::json(&report)?),
-            (false, false) => print(&text),
-            (false, true) => Ok(()),
-        }
+        self.scene.voice.print(&text, &report)
     }
 
     fn folder(&self) -> PathBuf {
-        let stem = || self.scene.scene.file_stem().unwrap_or(self.scene.scene.as_os_str()).to_owned();
-        self.out.clone().unwrap_or_else(|| Path::new("sweeps").join(stem()))
+        self.scene.folder(self.out.as_deref(), "sweeps")
     }
 }
 
@@ -236,10 +231,8 @@ struct ProgressLine(ProgressBar);
 
 impl ProgressLine {
     fn new(runs: usize, known: usize, quiet: bool) -> ProgressLine {
-        let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-        let style = ProgressStyle::with_template("{pos}/{len} runs  {elapsed}, {eta} left  {wide_msg}")
-            .expect("the template is well-formed");
-        let line = ProgressBar::with_draw_target(Some(runs as u64), target).with_style(style);
+        let template = "{pos}/{len} runs  {elapsed}, {eta} left  {wide_msg}";
+        let line = moving_line(template, Some(runs as u64), quiet);
         if known > 0 && !quiet {
             eprintln!("going on: {known} of {runs} runs are known");
         }

@@ -54,7 +54,7 @@ pub struct Progress {
 impl Progress {
     /// Creates the progress over the remaining `steps` and their `span` of time (in s).
     pub fn new(steps: Range<u64>, span: Range<f64>, quiet: bool) -> Self {
-        let line = moving_line(quiet);
+        let line = moving_line("{wide_msg}", None, quiet);
         let now = Instant::now();
         let mut progress = Progress {
             line,
@@ -128,11 +128,12 @@ impl Progress {
     }
 }
 
-/// Creates a moving line on standard error, hidden in quiet mode and without a terminal.
-fn moving_line(quiet: bool) -> ProgressBar {
+/// Creates a moving line on standard error over a number of parts, hidden in quiet mode and without
+/// a terminal.
+pub fn moving_line(template: &str, parts: Option<u64>, quiet: bool) -> ProgressBar {
     let target = if quiet { ProgressDrawTarget::hidden() } else { ProgressDrawTarget::stderr() };
-    let style = ProgressStyle::with_template("{wide_msg}").expect("the template is well-formed");
-    ProgressBar::with_draw_target(None, target).with_style(style)
+    let style = ProgressStyle::with_template(template).expect("the template is well-formed");
+    ProgressBar::with_draw_target(parts, target).with_style(style)
 }
 
 /// Writes a line to standard error, and ignores errors.
@@ -150,7 +151,7 @@ pub struct SetUp {
 impl SetUp {
     /// Starts the set-up; there is no output in quiet mode.
     pub fn new(quiet: bool) -> SetUp {
-        let line = moving_line(quiet);
+        let line = moving_line("{wide_msg}", None, quiet);
         let watch = (!quiet && line.is_hidden()).then(|| {
             let (sender, receiver) = mpsc::channel();
             (sender, thread::spawn(move || watch(&receiver, LONG, |part| say(&set_up_line(part)))))
