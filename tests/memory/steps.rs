@@ -50,9 +50,17 @@ impl Observer for Allocations {
     }
 }
 
+/// Returns what the steps of a scene allocated and the number of steps in contact: of three runs,
+/// the one with the fewest steps that allocate. The program that runs the tests allocates, too,
+/// where it reports on the test before.
+fn allocations(text: &str) -> (Allocations, u64) {
+    let runs = (0..3).map(|_| allocations_of_one(text));
+    runs.min_by_key(|(of, _)| of.free.allocating + of.lasting.allocating).unwrap()
+}
+
 /// Runs the scene of a text on the native engine, and returns what its steps allocated and the
 /// number of steps in contact.
-fn allocations(text: &str) -> (Allocations, u64) {
+fn allocations_of_one(text: &str) -> (Allocations, u64) {
     let scene = Scene::from_str(text, "steps", &[]).unwrap();
     let model = Model::new(&scene).unwrap();
     let mut allocations = Allocations::default();
