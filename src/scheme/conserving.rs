@@ -2,7 +2,7 @@
 //! included, exact at every state.
 //!
 //! With the singular mass the impact problem is `$C \ddot p = -\nabla \varphi(p)$` with `$\varphi$`
-//! convex, `$C^{1,1}$` and piecewise quadratic, see [`super::potential`]. A state is (p, v), with
+//! convex, `$C^{1,1}$` and piecewise quadratic, see [`super::Potential`]. A state is (p, v), with
 //! displacement U(p) and energy `$E(p, v) = \tfrac12 |v|_C^2 + \varphi(p)$`. A midpoint step
 //! (paper, equation 6) gives
 //!

@@ -13,7 +13,7 @@
 //!
 //! With the consistent mass, `$B = C = M_r$`, the rule gains energy at impacts without bound.
 //! With the singular mass it is the implicit midpoint rule for `$C \ddot p = -\nabla \varphi(p)$`,
-//! see [`super::potential`]. A step depends on `$U^n$` only through `$p^n = C^{-1} B U^n$`; the
+//! see [`super::Potential`]. A step depends on `$U^n$` only through `$p^n = C^{-1} B U^n$`; the
 //! massless part of `$U^{n+1}$` is a choice of what to report, see [`Massless`].
 //!
 //! The damping matrix D = alpha M + beta K adds `$2 D / \Delta t$` to the step matrix and nothing
