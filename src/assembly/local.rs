@@ -11,8 +11,8 @@ use nalgebra::{DVector, SMatrix, Vector3};
 use std::cell::RefCell;
 use std::rc::Rc;
 
-/// Local arrays of a cell, shared by all cells congruent to it; the masses are those of the plate,
-/// of the ribs in the cell and of what is fixed to it.
+/// Local arrays of a cell, shared by all cells congruent to it. The masses include the plate, the
+/// ribs in the cell and what is fixed to it.
 #[derive(Debug, Clone)]
 pub struct Local {
     /// Stiffness K, n x n, row by row, in N/m between deflections.
@@ -24,7 +24,7 @@ pub struct Local {
     /// Integrals of density times basis function, n entries, in kg for deflections.
     pub coupling: Rc<[f64]>,
     /// Row of B, n entries, in kg for deflections: `coupling`, or with light masses a multiple of
-    /// that of the plate.
+    /// the bare plate's row.
     pub row: Rc<[f64]>,
     /// Entry of C, the mass of the cell, in kg.
     pub weight: f64,

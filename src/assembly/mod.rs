@@ -169,10 +169,11 @@ const LIGHT: f64 = 0.7;
 
 /// Sets the rows of B of cells that carry masses, given the arrays of the bare cells.
 ///
-/// The mean of the singular mass is that of all masses together: B gets no further row that
-/// depends, or nearly, on those of the cells. Light masses follow the mean of the plate, which is
-/// wrong by less than the means themselves: where the rows of the plate depend on each other, as on
-/// rectangles with simply supported edges, they would allow motions with hardly any inertia.
+/// The singular mass takes the mean over plate and carried masses together, so that B gets no
+/// further row, which would nearly depend on the rows of the cells. Light masses follow the mean of
+/// the plate instead, with an error below the error of the means. Otherwise they would allow
+/// motions with hardly any inertia where the rows of the plate depend on each other, as on
+/// rectangles with simply supported edges.
 pub fn average_carried(cells: &mut [CellArrays], bare: &[Rc<Local>]) {
     for (cell, bare) in cells.iter_mut().zip(bare) {
         let factor = cell.local.weight / bare.weight;

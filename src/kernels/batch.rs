@@ -175,7 +175,7 @@ impl<'a> Row<'a> {
         Row { layout, starts: layout.places_of(dofs).collect(), lanes: vec![(0, cell)] }
     }
 
-    /// Adds a cell to the batch if one of the remaining lanes fits it, and returns whether one did.
+    /// Adds a cell to the row if one of the remaining lanes fits it. Returns whether one did.
     fn take(&mut self, cell: usize, dofs: &[Option<usize>]) -> bool {
         let places: Vec<_> = self.layout.places_of(dofs).collect();
         let pairs = || self.starts.iter().copied().zip(places.iter().copied());
