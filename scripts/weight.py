@@ -19,7 +19,7 @@ PAGE = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- weight: begin -->\n", "<!-- weight: end -->\n"
 
 # Largest total, in lines of code.
-LIMIT = 54_100
+LIMIT = 54_250
 
 # Difference up to which a row of the page counts as true: lines, and share of the row.
 TOLERANCE = (30, 0.05)
@@ -37,6 +37,7 @@ CAPABILITIES = {
     "Meshes of Gmsh": ["mesh/gmsh"],
     "Plates, degrees of freedom, matrices": ["assembly", "dof_map.rs", "plate.rs", "stress.rs", "motion.rs", "energy.rs"],
     "Obstacles": ["obstacle"],
+    "Laws of contact": ["contact_law"],
     "Kernels: products of cells, loops over vectors": ["kernels"],
     "Linear algebra": ["linalg"],
     "Contact solvers and their check": ["vi"],

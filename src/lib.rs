@@ -110,6 +110,7 @@ pub mod petsc;
 pub mod distributed;
 pub mod modes;
 pub mod assembly;
+pub mod contact_law;
 pub mod obstacle;
 pub mod vi;
 pub mod energy;

@@ -1,42 +1,18 @@
 //! Obstacles as bounds on deflection dofs: the discrete convex set K^h of section 3 of the paper.
 //!
-//! # Bounds that yield
-//!
-//! A bound may yield by the law of Hertz (1881) for elastic bodies with curved surfaces: x may lie
-//! beyond the bound by a depth d, where the reaction and the energy stored are
-//!
-//! ```math
-//! r = k\, d_+^{3/2}, \qquad \varphi = \tfrac25\, k\, d_+^{5/2} .
-//! ```
-//!
-//! The energy is convex with a continuous second derivative, so that a step remains a convex
-//! problem. Rigid bounds are the limit of infinite k.
+//! A bound may yield by a [law of contact](crate::contact_law): x then lies beyond it by a depth,
+//! where the reaction and the stored energy are those of the law. The energy is convex, so that a
+//! step remains a convex problem; rigid bounds are the limit of stiff laws.
 
 mod dofs_in_reach;
 
 pub use dofs_in_reach::DofsInReach;
 
-use crate::error::{Error, Result};
+use crate::contact_law::{ContactLaw, Laws, RIGID};
 use crate::linalg::vectors::{Largest, largest};
 
-/// Reaction of Hertz's law for a stiffness k (N/m^1.5) and a depth d (m), in N.
-pub fn hertz_force(k: f64, d: f64) -> f64 {
-    if d > 0.0 { k * d * d.sqrt() } else { 0.0 }
-}
-
-/// Depth (m) at which Hertz's law with a stiffness k (N/m^1.5) has a reaction r (N).
-pub fn hertz_depth(k: f64, r: f64) -> f64 {
-    let root = (r / k).cbrt();
-    root * root
-}
-
-/// Derivative of Hertz's law for a stiffness k (N/m^1.5) at a depth d (m), in N/m.
-pub fn hertz_tangent(k: f64, d: f64) -> f64 {
-    if d > 0.0 { 1.5 * k * d.sqrt() } else { 0.0 }
-}
-
 /// Bounds on some dofs, `lower[i] <= x[dofs[i]] <= upper[i]`, infinite where there is none.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default)]
 pub struct Bounds {
     /// Dofs in reach of an obstacle, ascending: the rows of G.
     pub dofs: DofsInReach,
@@ -47,9 +23,8 @@ pub struct Bounds {
     /// Size of the bounded motions, in m, where neither the bounds nor the deflections show it, as
     /// for a gap that may stay near 0.
     pub size: f64,
-    /// Stiffnesses (N/m^1.5) with which the lower and the upper bound of each dof yield, infinite
-    /// where a bound is rigid. It is `None` where the bounds of all ranks are rigid.
-    pub hertz: Option<Vec<[f64; 2]>>,
+    /// Laws by which they yield.
+    pub laws: Laws,
 }
 
 impl Bounds {
@@ -61,7 +36,7 @@ impl Bounds {
             lower: vec![lower; count],
             upper: vec![upper; count],
             size: 0.0,
-            hertz: None,
+            laws: Laws::default(),
         }
     }
 
@@ -81,29 +56,13 @@ impl Bounds {
         self.lower[bound] == self.upper[bound]
     }
 
-    /// Returns an error where bounds may yield and `what`, a scheme, does not take them.
-    ///
-    /// # Errors
-    /// Returns [`Error::Usage`].
-    pub fn refuse_hertz(&self, what: &str) -> Result<()> {
-        match self.hertz {
-            None => Ok(()),
-            Some(_) => Err(Error::Usage(format!(
-                "{what} takes no stops with law = \"hertz\"; set law = \"linear\", or time.scheme = \"conserving\""
-            ))),
-        }
-    }
-
-    /// Returns the stiffness (N/m^1.5) of the lower (0) or upper (1) bound of a dof if it yields.
-    pub fn yields(&self, bound: usize, side: usize) -> Option<f64> {
-        let stiffness = self.hertz.as_ref()?[bound][side];
-        stiffness.is_finite().then_some(stiffness)
-    }
-
     /// Returns the lower and upper bound of a dof, infinite where they yield.
     pub fn rigid(&self, bound: usize) -> [f64; 2] {
-        let rigid = |side, limit, absent| if self.yields(bound, side).is_some() { absent } else { limit };
-        [rigid(0, self.lower[bound], f64::NEG_INFINITY), rigid(1, self.upper[bound], f64::INFINITY)]
+        let [lower, upper] = self.laws.numbers(bound);
+        [
+            if lower == RIGID { self.lower[bound] } else { f64::NEG_INFINITY },
+            if upper == RIGID { self.upper[bound] } else { f64::INFINITY },
+        ]
     }
 
     /// Returns how far a value lies beyond the lower (0) or upper (1) bound of a dof, in m;
@@ -114,39 +73,19 @@ impl Bounds {
 
     /// Returns the reaction of the bounds of a dof that yield at a value, in N, positive upwards.
     pub fn reaction(&self, bound: usize, value: f64) -> f64 {
-        let of = |side: usize, sign: f64| {
-            let stiffness = self.yields(bound, side);
-            stiffness.map_or(0.0, |k| sign * hertz_force(k, self.depth(bound, side, value)))
+        let force = |side: usize| {
+            self.laws.get(bound, side).map_or(0.0, |law| law.force(self.depth(bound, side, value)))
         };
-        of(0, 1.0) + of(1, -1.0)
-    }
-
-    /// Returns the stiffness (N/m) of a dof's bound that yields under a reaction (N); `None` for a
-    /// rigid one.
-    pub fn stiffness_under(&self, bound: usize, reaction: f64) -> Option<f64> {
-        let stiffness = self.yields(bound, usize::from(reaction < 0.0))?;
-        Some(hertz_tangent(stiffness, hertz_depth(stiffness, reaction.abs())))
+        force(0) - force(1)
     }
 
     /// Returns the energy stored in the bounds that yield, in J, given the value at each bound.
     pub fn stored_energy(&self, value: impl Fn(usize) -> f64) -> f64 {
-        let Some(hertz) = &self.hertz else { return 0.0 };
-        let sides = hertz.as_flattened().iter().enumerate().filter(|(_, stiffness)| stiffness.is_finite());
-        let stored = |(place, &stiffness): (usize, &f64)| {
-            let depth = self.depth(place / 2, place % 2, value(place / 2));
-            0.4 * depth * hertz_force(stiffness, depth)
+        let energy = |bound: usize, side: usize| {
+            self.laws.get(bound, side).map_or(0.0, |law| law.energy(self.depth(bound, side, value(bound))))
         };
-        sides.map(stored).sum()
-    }
-
-    /// Sets the stiffnesses for bounds on an unknown that moves the bounded values at a rate: the
-    /// reaction is that of the bounded values in `others`.
-    pub fn scale_stiffness(&mut self, others: &Bounds, rate: f64) {
-        if let (Some(own), Some(others)) = (&mut self.hertz, &others.hertz) {
-            let scale = rate * rate.sqrt();
-            let others = others.as_flattened().iter();
-            own.as_flattened_mut().iter_mut().zip(others).for_each(|(own, other)| *own = scale * other);
-        }
+        let count = if self.laws.are_rigid() { 0 } else { self.len() };
+        (0..count).map(|bound| energy(bound, 0) + energy(bound, 1)).sum()
     }
 
     /// Sets the bounds to those on x for which `u + c x + s d` is within `others`, over the same

@@ -182,7 +182,7 @@ mod tests {
                 let (mut x, mut reaction) = ([0.0; N], [0.0; N]);
                 let (lower, upper) = (of(&problem.lower), of(&problem.upper));
                 let (free, lower, upper) = (&[0.0; N], &lower, &upper);
-                let alone = ComplianceProblem { compliance: &compliance, free, lower, upper, hertz: &[] };
+                let alone = ComplianceProblem { compliance: &compliance, free, lower, upper, laws: None };
                 solver.solve(alone, &mut x, &mut reaction);
                 if lane == 3 {
                     assert_eq!(of(&solved.reaction), [0.0; N]);

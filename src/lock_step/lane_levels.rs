@@ -413,7 +413,7 @@ impl LaneLevels {
         r.resize(free.len(), 0.0);
         let compliance = &equations.compliance;
         let solver = &mut self.solvers[lane];
-        solver.solve(ComplianceProblem { compliance, free, lower, upper, hertz: &[] }, x, r);
+        solver.solve(ComplianceProblem { compliance, free, lower, upper, laws: None }, x, r);
         let largest = bounds.clone().map(|i| u[i].0[lane].abs()).fold(data.magnitude.0[lane], f64::max);
         if !solver.active().is_empty() {
             kkt.0[lane] += if solver.residual == 0.0 { 0.0 } else { solver.residual / largest };

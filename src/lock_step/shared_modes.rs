@@ -42,7 +42,7 @@ fn is_plain(System { bounds, drive, mass, .. }: &System<Native>) -> bool {
         && drive.load.is_none()
         && drive.dashpots.is_none()
         && (drive.modal.is_none() || matches!(mass, Form::Modal { .. }))
-        && bounds.hertz.is_none()
+        && bounds.laws.are_rigid()
 }
 
 impl<'s> SharedModes<'s> {

@@ -151,8 +151,8 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         let what = "follows plates whose stops have no damping of their own";
         return refuse(&key, what, "0, or time.scheme = \"newmark\" or \"midpoint\"");
     }
-    if let Some(key) = scene.hertz_stop()
-        && !able.takes_hertz
+    if let Some(key) = scene.yielding_stop()
+        && !able.takes_laws
     {
         let wrong = format!(
             "\"hertz\" contradicts time.scheme = \"{name}\", which has closed forms for linear motions only; \

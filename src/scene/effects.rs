@@ -25,7 +25,7 @@ impl Scene {
             add(of_side().next().is_some(), &format!("contact {name}{moving}"));
         }
         add(self.compliances().any(|(_, of)| of.has_tip()), "compliant stops");
-        add(self.hertz_stop().is_some(), "stops by the law of Hertz");
+        add(self.yielding_stop().is_some(), "stops by the law of Hertz");
         add(self.stop_damping().is_some(), "damping of stops");
         add(self.motions().next().is_some(), "moving supports");
         if let Some(load) = &self.load {
@@ -75,9 +75,9 @@ impl Scene {
         of_obstacles.filter_map(named("obstacle")).chain(of_balls.filter_map(named("ball")))
     }
 
-    /// Returns the key of the law of a stop that yields by that of Hertz, if any.
-    pub fn hertz_stop(&self) -> Option<String> {
-        self.compliances().find(|(_, of)| of.hertz().is_some()).map(|(table, _)| format!("{table}.law"))
+    /// Returns the key of the law by which the bound of a stop yields, if any.
+    pub fn yielding_stop(&self) -> Option<String> {
+        self.compliances().find(|(_, of)| !of.has_tip()).map(|(table, _)| format!("{table}.law"))
     }
 
     /// Returns the key of a compliant stop with damping, if any.

@@ -2,6 +2,7 @@
 
 use super::given::{FieldInput, Region};
 use super::quantity::ProbeQuantity;
+use crate::contact_law::{ContactLaw, Hertz};
 use crate::dof_map::Support as SupportKind;
 use crate::element::{CellShape, ElementKind};
 use crate::error::Result;
@@ -196,9 +197,12 @@ pub struct Compliance {
 }
 
 impl Compliance {
-    /// Returns the stiffness of the law of Hertz, in N/m^1.5; `None` for a linear stop.
-    pub fn hertz(&self) -> Option<f64> {
-        (self.law == StopLaw::Hertz).then_some(self.stiffness)
+    /// Returns the law by which its bound yields; `None` for a linear stop, whose tip is bounded.
+    pub fn contact_law(&self) -> Option<Arc<dyn ContactLaw>> {
+        match self.law {
+            StopLaw::Linear => None,
+            StopLaw::Hertz => Some(Arc::new(Hertz(self.stiffness))),
+        }
     }
 
     /// Returns whether a massless tip touches in place of the node or the ball.

@@ -290,9 +290,9 @@ where
         last.increment.clone_from(x);
         last.curvature = engine.multiply(self.stiffness, x, &mut last.force)?;
         let force = engine.dot(b, x)?;
-        let least = match &left.hertz {
-            None => force / last.curvature,
-            Some(_) => self.least_yielding([force, last.curvature], room),
+        let least = match left.laws.are_rigid() {
+            true => force / last.curvature,
+            false => self.least_yielding([force, last.curvature], room),
         };
         last.is_free = room > least;
         let multiple = room.min(least);

@@ -165,7 +165,7 @@ impl<E: Engine> Levels<'_, E> {
     /// Sets the energy that bounds which yield store in the bounded configuration of the step.
     /// Collective.
     fn store(&mut self, admissible: &[f64]) -> Result<()> {
-        if self.system.bounds.hertz.is_some() {
+        if !self.system.bounds.laws.are_rigid() {
             let own = self.limits().stored_energy(|bound| admissible[bound]);
             self.stored = [self.stored[1], self.system.total(own)?];
         }

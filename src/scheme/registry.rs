@@ -43,8 +43,8 @@ pub struct Capabilities {
     pub takes_any_damping: bool,
     /// Whether compliant stops may have dashpots.
     pub takes_stop_damping: bool,
-    /// Whether stops may yield by the law of Hertz.
-    pub takes_hertz: bool,
+    /// Whether bounds may yield by laws of contact.
+    pub takes_laws: bool,
     /// Whether loads, obstacles and supports may depend on time.
     pub takes_time_dependence: bool,
     /// Whether the scheme runs on several processes.
@@ -65,7 +65,7 @@ const NEWMARK: Capabilities = Capabilities {
     bounces_with_consistent_mass: true,
     takes_any_damping: true,
     takes_stop_damping: true,
-    takes_hertz: true,
+    takes_laws: true,
     takes_time_dependence: true,
     is_distributed: true,
     is_event_driven: false,
@@ -101,7 +101,7 @@ const EXACT: Capabilities = Capabilities {
     needs_singular_mass: Some("with this mass an impact has no law of its own to follow"),
     takes_any_damping: false,
     takes_stop_damping: false,
-    takes_hertz: false,
+    takes_laws: false,
     takes_time_dependence: false,
     is_distributed: false,
     is_event_driven: true,

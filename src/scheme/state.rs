@@ -61,7 +61,7 @@ impl State {
     /// Updates force and energies from U and V.
     pub fn update_energies<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
         let mut elastic = system.force(&self.u, &mut self.force)?;
-        if system.bounds.hertz.is_some() {
+        if !system.bounds.laws.are_rigid() {
             let bounds = self.instant.bounds(&system.bounds);
             elastic += system.total(bounds.stored_energy(|bound| self.u[bounds.dofs[bound]]))?;
         }

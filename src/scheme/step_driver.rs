@@ -171,7 +171,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         // alpha <= U + c x + s d where ((alpha - U) - s d) / c <= x.
         let weights @ [rate, _] = formulas.bounded_configuration();
         self.bounds.pull_back(limits, [formulas.displacement(), formulas.known()], weights);
-        self.bounds.scale_stiffness(limits, rate);
+        self.bounds.laws.rate = rate;
         let problem = Problem {
             matrix: &self.matrix,
             rhs: &self.b,

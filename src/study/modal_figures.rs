@@ -72,7 +72,7 @@ pub(super) fn figures(
             let [least, most] = at.extremes()?;
             let fastest = at.fastest()?;
             contact = Some(ContactFigures { fastest, compliance: [least, most], condition: most / least });
-        } else if model.system.bounds.hertz.is_none() {
+        } else if model.system.bounds.laws.are_rigid() {
             // Stops that yield need no compliance of the plate.
             doubt = Some(at.refusal().to_string());
         }

@@ -174,8 +174,8 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Sc
         let variant = Scene { mesh, ..scene.clone() };
         // A mesh that cannot be made is reported by the trials.
         let cells = simulation::mesh(&variant).map_or(0, |mesh| mesh.cells.len());
-        let is_hertz = scene.hertz_stop().is_some();
-        let takes_stops = |method: &Method| !is_hertz || method.scheme.capabilities().takes_hertz;
+        let yields = scene.yielding_stop().is_some();
+        let takes_stops = |method: &Method| !yields || method.scheme.capabilities().takes_laws;
         for method in methods(engine, vi).into_iter().filter(takes_stops) {
             let is_dense = method.scheme == SchemeSpec::Exact && method.mass != Mass::Modal;
             if is_dense && cells > MOST_EXACT_CELLS {

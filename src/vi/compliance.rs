@@ -11,13 +11,14 @@
 //!
 //! The solution exists and is unique. Each iteration needs the factor of the block of R of the dofs
 //! in contact only. These dofs are few, and the factor is updated for those that join and
-//! leave. Bounds that yield add to the diagonal of R, see [`yielding`].
+//! leave. Bounds that yield add to the diagonal of R, as `laws.rs` beside this file tells.
 
 mod active_factor;
-pub mod yielding;
+mod laws;
 
 use super::active_set::{BoundStatus, BoundValues, Exchange, Move, broken, exchange, fingerprint};
 use crate::archive::Archive;
+use crate::contact_law::Laws;
 use crate::error::Result;
 use crate::kernels::wide::widest;
 use active_factor::ActiveFactor;
@@ -59,9 +60,8 @@ pub struct ComplianceProblem<'a> {
     pub lower: &'a [f64],
     /// Upper bounds u, in m.
     pub upper: &'a [f64],
-    /// Stiffnesses (N/m^1.5) with which the lower and the upper bounds yield by the law of Hertz,
-    /// infinite for rigid ones; empty if none yields.
-    pub hertz: &'a [[f64; 2]],
+    /// Laws by which the bounds yield; `None` where all are rigid.
+    pub laws: Option<&'a Laws>,
 }
 
 impl ComplianceSolver {
@@ -82,10 +82,9 @@ impl ComplianceSolver {
     /// Solves for the deflections x (m) and reactions r (N). Entries are NaN where the compliance
     /// of the dofs in contact is not positive definite to rounding.
     pub fn solve(&mut self, problem: ComplianceProblem, x: &mut [f64], reaction: &mut [f64]) {
-        if problem.hertz.is_empty() {
-            self.solve_rigid(problem, x, reaction);
-        } else {
-            self.solve_yielding(problem, x, reaction);
+        match problem.laws.filter(|laws| !laws.are_rigid()) {
+            None => self.solve_rigid(problem, x, reaction),
+            Some(laws) => self.solve_yielding(problem, laws, x, reaction),
         }
     }
 

@@ -14,7 +14,7 @@
 mod pinned;
 
 use super::active_set::{self, BoundStatus};
-use super::hertz::{self, YieldingProblem};
+use super::laws::{self, YieldingProblem};
 use super::{Answer, DenseProblem, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
@@ -243,7 +243,7 @@ impl<E: Engine> Condensed<E> {
             sides.fill(BoundStatus::Free);
             0
         } else {
-            let yielding = hertz::yielding(engine, bounds, (candidates, first), [&mut *lower, &mut *upper]);
+            let yielding = laws::yielding(engine, bounds, (candidates, first), [&mut *lower, &mut *upper]);
             let rigid = DenseProblem { matrix: self.factor.schur(), rhs: h, lower, upper };
             let mut answer = Answer { x: values, reaction: forces };
             let exchanges = YieldingProblem { rigid, yielding: &yielding }.solve(sides, &mut answer);

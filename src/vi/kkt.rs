@@ -26,8 +26,8 @@ use crate::error::Result;
 use crate::kernels::wide::widest;
 use crate::linalg::vectors::{is_zero, largest};
 use crate::linalg::{Engine, Form, LinearCombination, RowCoupling};
-use crate::obstacle::{Bounds, hertz_depth, hertz_force};
-use crate::vi::{Answer, Problem};
+use crate::obstacle::Bounds;
+use crate::vi::{Answer, Problem, laws};
 use pulp::Arch;
 use rows::{RowTerms, raised};
 
@@ -405,10 +405,8 @@ fn of_contact(
         let outside = larger(0.0, larger(lower - x[dof], x[dof] - upper));
         parts.penetration = larger(parts.penetration, ratio(outside, length));
         let side = usize::from(if r == 0.0 { above < 0.0 } else { r < 0.0 });
-        if let Some(k) = bounds.yields(i, side) {
-            let depth = bounds.depth(i, side, x[dof]);
-            let of_depth = (depth.max(0.0) - hertz_depth(k, r.abs())).abs();
-            let of_force = (r.abs() - hertz_force(k, depth)).abs();
+        if let Some(law) = bounds.laws.get(i, side) {
+            let [of_force, of_depth] = laws::errors(&law, bounds.depth(i, side, x[dof]), r.abs());
             let error = ratio(of_depth, length).min(ratio(of_force, force));
             parts.complementarity = larger(parts.complementarity, error);
             continue;

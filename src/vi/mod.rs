@@ -7,8 +7,8 @@
 //! r \ge 0 \text{ at } l,\; r \le 0 \text{ at } u,\; r = 0 \text{ between},
 //! ```
 //!
-//! where A is symmetric positive definite and the same for a whole run. Bounds may yield, see
-//! [`obstacle`](crate::obstacle): there r is a function of x. [`CheckedSolver::solve`]
+//! where A is symmetric positive definite and the same for a whole run. Bounds may yield by [laws
+//! of contact](crate::contact_law): there r is a function of x. [`CheckedSolver::solve`]
 //! gives the problem to a [`Solver`] and measures the answer by [`kkt`], whatever the solver
 //! reports about itself.
 //!
@@ -24,8 +24,8 @@
 mod active_set;
 pub mod compliance;
 pub mod condensed;
-mod hertz;
 pub mod kkt;
+mod laws;
 pub mod registry;
 #[cfg(feature = "petsc")]
 pub mod scaled;

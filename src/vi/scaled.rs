@@ -22,8 +22,8 @@
 //! at their depth while the other rows are corrected; the check of the answer compares their
 //! reactions with the law.
 
-use super::hertz::HertzBound;
 use super::kkt::{KktCheck, Residual};
+use super::laws::YieldingBound;
 use super::{Answer, BoundStatus, Condensed, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
@@ -66,7 +66,7 @@ pub(super) struct Scaled {
 
 /// Bounds on y that yield, with work space.
 struct Yielding {
-    bounds: Vec<HertzBound>,
+    bounds: Vec<YieldingBound>,
     values: [Vector; 2],
 }
 
@@ -79,7 +79,7 @@ impl Scaled {
         let Some(Yielding { bounds, values: [reactions, _] }) = &mut *self.yielding.borrow_mut() else {
             return Ok(());
         };
-        evaluate(bounds, y, reactions, HertzBound::reaction)?;
+        evaluate(bounds, y, reactions, YieldingBound::reaction)?;
         gradient.add_scaled(-1.0, reactions)
     }
 
@@ -88,10 +88,10 @@ impl Scaled {
     pub fn objective(&self, y: &Vector, gradient: &mut Vector) -> Result<f64> {
         self.gradient(y, gradient)?;
         let mut value = 0.5 * (y.dot(gradient)? - y.dot(&self.right.borrow())?);
-        if let Some(Yielding { bounds, values: [reactions, depths] }) = &mut *self.yielding.borrow_mut() {
-            evaluate(bounds, y, depths, HertzBound::signed_depth)?;
+        if let Some(Yielding { bounds, values: [reactions, roots] }) = &mut *self.yielding.borrow_mut() {
+            evaluate(bounds, y, roots, |bound, y| bound.energy(y).sqrt())?;
             // The gradient contains the reactions.
-            value += 0.5 * y.dot(reactions)? + 0.4 * reactions.dot(depths)?;
+            value += 0.5 * y.dot(reactions)? + roots.dot(roots)?;
         }
         Ok(value)
     }
@@ -118,17 +118,17 @@ impl Scaled {
         let Some(Yielding { bounds, values: [tangents, _] }) = &mut *self.yielding.borrow_mut() else {
             return Ok(());
         };
-        evaluate(bounds, y, tangents, HertzBound::tangent)?;
+        evaluate(bounds, y, tangents, YieldingBound::stiffness)?;
         matrix.add_to_diagonal(tangents)
     }
 }
 
 /// Computes a function of y at the bounds that yield, and 0 elsewhere. Collective.
 fn evaluate(
-    bounds: &[HertzBound],
+    bounds: &[YieldingBound],
     y: &Vector,
     values: &mut Vector,
-    of: impl Fn(&HertzBound, f64) -> f64,
+    of: impl Fn(&YieldingBound, f64) -> f64,
 ) -> Result<()> {
     let found: Vec<f64> = y.with_local(|y| bounds.iter().map(|bound| of(bound, y[bound.entry])).collect())?;
     values.with_local_mut(|values| {
@@ -394,18 +394,17 @@ impl Bounded {
     /// Sets the bounds that yield, given the unit of each entry of y and the factor s. With the
     /// first ones both methods begin anew, since their Jacobian is no longer constant.
     fn scale_yielding(&mut self, engine: &Distributed, bounds: &Bounds, unit: &[f64], s: f64) -> Result<()> {
-        if bounds.hertz.is_none() {
+        if bounds.laws.are_rigid() {
             return Ok(());
         }
         let is_new = !self.problem.yields();
         let scaled = |i: usize| {
             let (entry, unit) = (bounds.dofs[i], unit[bounds.dofs[i]]);
-            let of_force = self.scale[entry] / s * unit * unit.sqrt();
-            let stiffness = [0, 1].map(|side| bounds.yields(i, side).unwrap_or(f64::INFINITY) * of_force);
-            HertzBound { entry, limits: [bounds.lower[i] / unit, bounds.upper[i] / unit], stiffness }
+            let laws = bounds.laws.numbered(bounds.laws.numbers(i));
+            let laws = laws.map(|law| Some(law?.scaled(unit, self.scale[entry] / s)));
+            YieldingBound { entry, limits: [bounds.lower[i] / unit, bounds.upper[i] / unit], laws }
         };
-        let is_soft = |i: &usize| (0..2).any(|side| bounds.yields(*i, side).is_some());
-        let own = (0..bounds.len()).filter(is_soft).map(scaled).collect();
+        let own = (0..bounds.len()).filter(|&i| bounds.laws.has(i)).map(scaled).collect();
         let values = match self.problem.yielding.take() {
             Some(Yielding { values, .. }) => values,
             None => [self.y.duplicate()?, self.y.duplicate()?],

@@ -2,6 +2,7 @@
 
 use crate::common::models::{CLAMPED, UNIT};
 use crate::common::scenes::{STILL, grid, model, read, refusal};
+use rebond::contact_law::ContactLaw;
 use rebond::scene::{Compliance, Scene, StopLaw};
 use rebond::simulation::Model;
 
@@ -29,9 +30,11 @@ fn keys_are_read_and_written() {
     assert!(!read(&linear).unwrap().resolved().contains("law"));
     // A stop by this law adds no dof: the deflection of its node is bounded.
     let model = model(&text);
-    let mut stiffness = model.system.bounds.hertz.clone().unwrap();
-    stiffness.sort_by(|a, b| a[0].total_cmp(&b[0]));
-    assert_eq!(stiffness, [[2e3, f64::INFINITY], [3e4, f64::INFINITY]]);
+    let laws = &model.system.bounds.laws;
+    let mut forces = [0, 1].map(|bound| laws.get(bound, 0).unwrap().force(1.0));
+    forces.sort_by(f64::total_cmp);
+    assert_eq!(forces, [2e3, 3e4]);
+    assert!([0, 1].iter().all(|&bound| laws.get(bound, 1).is_none()));
     assert_eq!(model.start.displacement.len(), 3 * 20 + 1);
 }
 

@@ -10,6 +10,7 @@
 use crate::common::block;
 use crate::common::models::{CLAMPED, PAPER_PLATE, PAPER_START};
 use crate::common::scenes::{STILL, all_round, close, grid, model, run, run_to_end, scene, start};
+use rebond::contact_law::{Hertz, Laws, RIGID};
 use rebond::linalg::vectors::axpy;
 use rebond::linalg::{Engine, Native};
 use rebond::obstacle::Bounds;
@@ -19,6 +20,7 @@ use rebond::scheme::{
 };
 use rebond::simulation::Model;
 use rebond::vi::condensed::DENSE_LIMIT;
+use std::sync::Arc;
 
 const MASS: f64 = 0.3;
 const STIFFNESS: f64 = 2e6;
@@ -42,9 +44,9 @@ fn system(side: usize) -> System<Native> {
     let (stiffness, mass) = (form(0.0), form(MASS));
     let limits = [[0.0, f64::INFINITY], [f64::NEG_INFINITY, 0.0]][side];
     let mut bounds = Bounds::uniform(vec![0], limits[0], limits[1]);
-    let mut hertz = [f64::INFINITY; 2];
-    hertz[side] = STIFFNESS;
-    bounds.hertz = Some(vec![hertz]);
+    let mut numbers = [RIGID; 2];
+    numbers[side] = 0;
+    bounds.laws = Laws::new(vec![Arc::new(Hertz(STIFFNESS))], vec![numbers]);
     System {
         engine,
         stiffness,
@@ -270,7 +272,7 @@ fn statics_of_one_mass() {
         let sign = [-1.0, 1.0][side];
         for stiffness in [1e3, 1e6, 1e9, 1e15] {
             let mut system = system(side);
-            system.bounds.scale_stiffness(&system.bounds.clone(), (stiffness / STIFFNESS).powf(2.0 / 3.0));
+            system.bounds.laws.rate = (stiffness / STIFFNESS).powf(2.0 / 3.0);
             for depth in [1e-9, 1e-5, 0.01] {
                 let force = stiffness * f64::powf(depth, 1.5);
                 let form = |value: f64| system.engine.form(vec![block(&[Some(0)], &[value], 0)]);
@@ -331,7 +333,7 @@ fn a_static_start_presses_stops_beside_wide_contact() {
     assert!(crossed.count() > DENSE_LIMIT);
     let (mut stops, mut nodes) = (0, 0);
     for (i, &dof) in bounds.dofs.iter().enumerate() {
-        if bounds.yields(i, 0).is_some() {
+        if bounds.laws.get(i, 0).is_some() {
             close("force of a stop", force[dof], bounds.reaction(i, u[dof]), 1e-9);
             stops += 1;
         } else if u[dof] <= bounds.lower[i] + 1e-15 {

@@ -3,8 +3,9 @@
 
 use crate::common::Random;
 use faer::Mat;
-use rebond::obstacle::hertz_force;
+use rebond::contact_law::{ContactLaw, Hertz, Laws, RIGID};
 use rebond::vi::{ComplianceProblem, ComplianceSolver};
+use std::sync::Arc;
 
 const SIZE: usize = 12;
 
@@ -21,9 +22,19 @@ fn compliance(random: &mut Random) -> Mat<f64> {
     product
 }
 
+/// Returns laws of Hertz with these stiffnesses, infinite for rigid bounds.
+fn hertz(stiffness: &[[f64; 2]]) -> Laws {
+    let table = stiffness.as_flattened().iter().map(|k| Arc::new(Hertz(*k)) as Arc<dyn ContactLaw>);
+    let number = |bound: usize, side: usize| {
+        if stiffness[bound][side].is_finite() { (2 * bound + side) as u32 } else { RIGID }
+    };
+    let numbers = (0..stiffness.len()).map(|bound| [number(bound, 0), number(bound, 1)]);
+    Laws::new(table.collect(), numbers.collect())
+}
+
 /// Asserts x = y + R r, and for each dof the conditions of its bounds.
 fn assert_solved(problem: ComplianceProblem, x: &[f64], r: &[f64], what: &str) -> usize {
-    let ComplianceProblem { compliance, free, lower, upper, hertz } = problem;
+    let ComplianceProblem { compliance, free, lower, upper, laws } = problem;
     let most = r.iter().fold(0.0, |most: f64, r| most.max(r.abs()));
     let mut pressed = 0;
     for i in 0..SIZE {
@@ -32,24 +43,23 @@ fn assert_solved(problem: ComplianceProblem, x: &[f64], r: &[f64], what: &str) -
         assert!((x[i] - free[i] - moved).abs() <= 1e-13 * size, "{what}: {} is not y + R r at {i}", x[i]);
         for (side, sign, depth) in [(0, 1.0, lower[i] - x[i]), (1, -1.0, x[i] - upper[i])] {
             let push = (sign * r[i]).max(0.0);
-            let law = if hertz[i][side].is_finite() { hertz_force(hertz[i][side], depth) } else { 0.0 };
-            if hertz[i][side].is_infinite() {
+            let Some(law) = laws.and_then(|laws| laws.get(i, side)) else {
                 assert!(
                     depth <= 1e-12 && (push == 0.0 || depth.abs() <= 1e-12),
-                    "{what}: {depth:e} at {i}, {} in [{}, {}], {:?}, {} of {most}, free {}",
+                    "{what}: {depth:e} at {i}, {} in [{}, {}], {} of {most}, free {}",
                     x[i],
                     lower[i],
                     upper[i],
-                    hertz[i],
                     r[i],
                     free[i]
                 );
                 continue;
-            }
+            };
             // Of a stiff bound the depth is as exact as x.
-            let of_depth = (depth.max(0.0) - (push / hertz[i][side]).powf(2.0 / 3.0)).abs();
-            let is_law = (push - law).abs() <= 1e-12 * most || of_depth <= 1e-13 * (1.0 + x[i].abs());
-            assert!(is_law, "{what}: {push:e} for {law:e} at {i}");
+            let of_depth = (depth.max(0.0) - (push / law.force(1.0)).powf(2.0 / 3.0)).abs();
+            let is_law =
+                (push - law.force(depth)).abs() <= 1e-12 * most || of_depth <= 1e-13 * (1.0 + x[i].abs());
+            assert!(is_law, "{what}: {push:e} for {:e} at {i}", law.force(depth));
             pressed += usize::from(push > 0.0);
         }
     }
@@ -74,13 +84,13 @@ fn answers_satisfy_the_law_at_any_stiffness() {
                 2 => [stiffness, 3.0 * stiffness],
                 _ => [f64::INFINITY; 2],
             };
-            let hertz: Vec<[f64; 2]> = kinds.iter().map(|kind| of(*kind)).collect();
+            let laws = hertz(&kinds.iter().map(|kind| of(*kind)).collect::<Vec<_>>());
             let problem = ComplianceProblem {
                 compliance: &matrix,
                 free: &free,
                 lower: &lower,
                 upper: &upper,
-                hertz: &hertz,
+                laws: Some(&laws),
             };
             let (mut x, mut r) = (vec![0.0; SIZE], vec![0.0; SIZE]);
             solver.solve(problem, &mut x, &mut r);
@@ -99,10 +109,11 @@ fn stiff_bounds_become_rigid() {
     let matrix = compliance(&mut random);
     let free: Vec<f64> = (0..SIZE).map(|_| 5.0 * random.signed()).collect();
     let limits = [vec![-1.0; SIZE], vec![f64::INFINITY; SIZE]];
-    let answer = |hertz: &[[f64; 2]]| {
+    let answer = |stiffness: &[[f64; 2]]| {
+        let laws = hertz(stiffness);
         let (mut x, mut r) = (vec![0.0; SIZE], vec![0.0; SIZE]);
         let [lower, upper] = limits.each_ref().map(|of| &**of);
-        let problem = ComplianceProblem { compliance: &matrix, free: &free, lower, upper, hertz };
+        let problem = ComplianceProblem { compliance: &matrix, free: &free, lower, upper, laws: Some(&laws) };
         ComplianceSolver::new(SIZE).solve(problem, &mut x, &mut r);
         x
     };

@@ -14,6 +14,7 @@ use crate::common::{
     Random, block, dense_form, difference, largest, multiply, random_spd, solve_dense, submatrix,
 };
 use faer::Mat;
+use rebond::contact_law::Laws;
 use rebond::linalg::{Form, Native};
 use rebond::obstacle::{Bounds, DofsInReach};
 use rebond::vi::kkt::{KktCheck, Residual};
@@ -341,7 +342,7 @@ fn problem_with_answer() -> (SmallProblem, Vec<f64>, Vec<f64>) {
         lower: vec![0.5, -INF, -1.0, -2.0],
         upper: vec![INF, -1.0, 1.0, INF],
         size: 0.0,
-        hertz: None,
+        laws: Laws::default(),
     };
     let reaction = vec![3.0, -2.0, 0.0, 0.0];
     let mut b = multiply(&matrix, &x);

@@ -173,7 +173,13 @@ impl<'s, E: Engine> Exact<'s, E> {
             }
             drive.refuse_modal("exact")?;
         }
-        bounds.refuse_hertz("time.scheme = \"exact\"")?;
+        if !bounds.laws.are_rigid() {
+            return Err(Error::Usage(
+                "time.scheme = \"exact\" takes no stops with a law other than \"linear\"; set law = \"linear\", or \
+                 time.scheme = \"conserving\""
+                    .into(),
+            ));
+        }
         if drive.varies() {
             return Err(Error::Usage(
                 "time.scheme = \"exact\" takes loads and obstacles that do not change with time; \

@@ -332,7 +332,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             (again, missed) = self.rounds(increment, length, instant)?;
             report = StepReport { iterations: report.iterations + again.iterations, retries: 1, ..again };
         }
-        if missed && bounds.hertz.is_some() {
+        if missed && !bounds.laws.are_rigid() {
             return Err(Error::Singular(
                 "no deflection has the means over cells that the motion leads to: a stop with law = \"hertz\" is too stiff for \
                  a mass that sits on it or for a ball over a held node, or the inf-sup condition fails on this mesh; set \
@@ -498,7 +498,7 @@ impl<E: Engine> Line<'_, '_, E> {
             }
             straight &= side(start) == side(middle) && side(start) == side(reaction);
             // U(p) bends where a bound yields.
-            straight &= bounds.yields(i, usize::from(start < 0.0)).is_none() || start == 0.0;
+            straight &= start == 0.0 || bounds.laws.pressed(i, start).is_none();
         }
         Ok(engine.comm().all_reduce_all(straight))
     }

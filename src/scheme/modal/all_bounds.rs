@@ -8,6 +8,7 @@
 
 use super::limits::Limits;
 use crate::communicator::Communicator;
+use crate::contact_law::Laws;
 use crate::error::Result;
 use crate::linalg::{Engine, MassModes};
 use crate::memory;
@@ -22,9 +23,8 @@ pub(crate) struct AllBounds {
     count: usize,
     /// Indices of this rank's bounded dofs.
     dofs: Vec<usize>,
-    /// Stiffnesses (N/m^1.5) with which the lower and the upper bounds yield, infinite for rigid
-    /// ones; empty if all are rigid.
-    pub hertz: Vec<[f64; 2]>,
+    /// Laws by which they yield.
+    pub laws: Laws,
     /// Numbers of the bounds; `None` where they are those of the only process.
     partition: Option<GlobalNumbers>,
 }
@@ -50,11 +50,13 @@ impl AllBounds {
             GlobalNumbers { own: numbers.own.clone(), index, order: engine.comm().all_gather(&numbers.own) }
         });
         let count = partition.as_ref().map_or(bounds.len(), |of| of.order.len());
-        let mut all = AllBounds { count, dofs: bounds.dofs.to_vec(), hertz: Vec::new(), partition };
-        if let Some(hertz) = &bounds.hertz {
-            let of_side = |side: usize| hertz.iter().map(|of| of[side]).collect();
-            let [lower, upper] = [0, 1].map(|side| all.gather(engine.comm(), of_side(side)));
-            all.hertz = lower.into_iter().zip(upper).map(|(lower, upper)| [lower, upper]).collect();
+        let mut all = AllBounds { count, dofs: bounds.dofs.to_vec(), laws: Laws::default(), partition };
+        if !bounds.laws.are_rigid() {
+            let of_side =
+                |side: usize| (0..bounds.len()).map(move |i| f64::from(bounds.laws.numbers(i)[side]));
+            let [lower, upper] = [0, 1].map(|side| all.gather(engine.comm(), of_side(side).collect()));
+            let numbers = lower.into_iter().zip(upper).map(|(lower, upper)| [lower as u32, upper as u32]);
+            all.laws = bounds.laws.with(numbers.collect());
         }
         all
     }

@@ -2,9 +2,9 @@
 
 use super::all_bounds::AllBounds;
 use super::limits::Limits;
+use crate::contact_law::{Laws, RIGID};
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::obstacle::hertz_depth;
 use crate::scheme::exact::reduction::remains;
 use crate::scheme::massless::contact_compliance::ContactCompliance;
 use crate::scheme::massless::modal_saddle_point::ModalSaddlePoint;
@@ -31,9 +31,8 @@ pub(crate) struct ContactModel {
     pub at_bounds: Vec<Vec<f64>>,
     /// Compliance R at the candidates, in m/N.
     pub compliance: Mat<f64>,
-    /// Stiffnesses (N/m^1.5) with which the lower and the upper bounds of the candidates yield,
-    /// infinite for rigid ones; empty if no bound yields.
-    pub hertz: Vec<[f64; 2]>,
+    /// Laws by which the bounds of the candidates yield.
+    pub laws: Laws,
 }
 
 /// Mode shapes at all bounds, and the order in which values at them are kept.
@@ -56,7 +55,7 @@ impl ContactModel {
             flexibility: Vec::new(),
             at_bounds: Vec::new(),
             compliance: Mat::new(),
-            hertz: Vec::new(),
+            laws: Laws::default(),
         }
     }
 
@@ -68,24 +67,7 @@ impl ContactModel {
         lower: &'a [f64],
         upper: &'a [f64],
     ) -> ComplianceProblem<'a> {
-        ComplianceProblem { compliance: &self.compliance, free, lower, upper, hertz: &self.hertz }
-    }
-
-    /// Returns the stiffness (N/m^1.5) of the bound of a candidate that exerts a reaction (N);
-    /// `None` for a rigid one.
-    pub fn yields(&self, candidate: usize, reaction: f64) -> Option<f64> {
-        let stiffness = self.hertz.get(candidate)?[usize::from(reaction < 0.0)];
-        stiffness.is_finite().then_some(stiffness)
-    }
-
-    /// Returns the energy stored in the bounds that yield under given reactions (N), in J.
-    pub fn stored_energy(&self, reaction: &[f64]) -> f64 {
-        let stored = |(&[lower, upper], r): (&[f64; 2], &f64)| {
-            let stiffness = if *r < 0.0 { upper } else { lower };
-            let depth = if stiffness.is_finite() { hertz_depth(stiffness, r.abs()) } else { 0.0 };
-            0.4 * r.abs() * depth
-        };
-        self.hertz.iter().zip(reaction).map(stored).sum()
+        ComplianceProblem { compliance: &self.compliance, free, lower, upper, laws: Some(&self.laws) }
     }
 
     /// Adds candidates, ascending numbers of bounds, given the limits at rest of all bounds and the
@@ -123,8 +105,8 @@ impl ContactModel {
             let [row, column] = [i, j].map(|k| places[candidates[k]]);
             0.5 * (at_bounds[j][row] + at_bounds[i][column])
         });
-        if !all.hertz.is_empty() {
-            self.hertz = candidates.iter().map(|&number| all.hertz[number]).collect();
+        if !all.laws.are_rigid() {
+            self.laws = all.laws.with(candidates.iter().map(|&number| all.laws.numbers(number)).collect());
         }
         let whole = self.whole(shapes, &saddle.modes.squares, saddle.shift);
         let rigid = self.rigid(limits);
@@ -142,10 +124,9 @@ impl ContactModel {
     /// Returns the candidates with a rigid bound. Bounds that yield have a compliance of their own.
     fn rigid(&self, limits: &Limits) -> Vec<usize> {
         let has_rigid = |k: &usize| {
-            let (number, [lower, upper]) =
-                (self.candidates[*k], self.hertz.get(*k).unwrap_or(&[f64::INFINITY; 2]));
+            let (number, [lower, upper]) = (self.candidates[*k], self.laws.numbers(*k));
             let [below, above] = [limits.lower[number], limits.upper[number]].map(f64::is_finite);
-            below && lower.is_infinite() || above && upper.is_infinite()
+            below && lower == RIGID || above && upper == RIGID
         };
         (0..self.candidates.len()).filter(has_rigid).collect()
     }
@@ -179,7 +160,7 @@ impl ContactModel {
 pub(crate) fn extended(solver: &ComplianceSolver, model: &ContactModel, old: &[usize]) -> ComplianceSolver {
     let candidates = &model.candidates;
     let mut more = ComplianceSolver::new(candidates.len());
-    if !model.hertz.is_empty() {
+    if !model.laws.are_rigid() {
         more.prepare_softness();
     }
     more.factorisations = solver.factorisations;

@@ -50,9 +50,6 @@ pub(super) struct Implicit {
     pub next: State,
     /// Modal force of the step.
     pub force: Vec<f64>,
-    /// Stiffnesses (N/m^1.5) with which the bounds of the unknown yield, one entry per candidate;
-    /// empty if no bound yields.
-    hertz: Vec<[f64; 2]>,
     /// Energies stored in bounds that yield in the bounded configurations of the Newmark scheme at
     /// the instants n and n + 1, in J.
     pub stored: [f64; 2],
@@ -79,7 +76,6 @@ impl Implicit {
             reaction: Vec::new(),
             next: State::default(),
             force: Vec::new(),
-            hertz: Vec::new(),
             stored: [0.0; 2],
             work: [0.0; 2],
         }
@@ -104,21 +100,20 @@ impl Implicit {
         free.iter_mut().for_each(|value| *value /= share);
         let (lower, upper) = (scaled(&limits.lower), scaled(&limits.upper));
         // The depth of the unknown is that of the configuration divided by the share.
-        let stiffer = share * share.sqrt();
-        self.hertz.clear();
-        self.hertz.extend(model.hertz.iter().map(|of| of.map(|stiffness| stiffer * stiffness)));
+        let mut laws = model.laws.clone();
+        laws.rate = share;
         let problem = ComplianceProblem {
             free: &free,
             lower: &lower,
             upper: &upper,
             compliance: &self.compliance,
-            hertz: &self.hertz,
+            laws: Some(&laws),
         };
         self.contact.solve(problem, &mut self.x, &mut self.reaction);
         let sides = self.contact.sides.iter().enumerate();
         for ((i, side), x) in sides.zip(&mut self.x) {
             *x = match side {
-                _ if model.yields(i, self.reaction[i]).is_some() => *x * share,
+                _ if model.laws.pressed(i, self.reaction[i]).is_some() => *x * share,
                 BoundStatus::Free => *x * share,
                 BoundStatus::Lower => limits.lower[i],
                 BoundStatus::Upper => limits.upper[i],

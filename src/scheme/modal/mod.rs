@@ -286,7 +286,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let [kinetic, elastic] = self.now.energies(&self.modes.squares);
         let rest = self.loads.elastic(data) + dot(reaction, &data.near.shift);
         let offset = rest - self.loads.work(data, q, &self.model.candidates, reaction);
-        let stored = self.model.stored_energy(&self.now.reaction);
+        let stored = self.model.laws.stored_under(&self.now.reaction);
         self.balance = Balance { start: kinetic + elastic + stored, work: 0.0, offset };
         self.before = self.now.clone();
         self.list_candidates();

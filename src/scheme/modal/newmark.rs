@@ -51,7 +51,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             implicit.next = self.now.clone();
         }
         self.balance.start = dot(self.loads.constant_force(), &self.now.q);
-        let stored = self.model.stored_energy(&self.now.reaction);
+        let stored = self.model.laws.stored_under(&self.now.reaction);
         if let Some(implicit) = &mut self.implicit {
             implicit.stored[1] = stored;
         }
@@ -121,7 +121,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             self.reach.retreat(dt, tier);
             self.add_candidates(near)?;
         }
-        let stored = self.implicit.as_ref().map_or(0.0, |of| self.model.stored_energy(&of.reaction));
+        let stored = self.implicit.as_ref().map_or(0.0, |of| self.model.laws.stored_under(&of.reaction));
         if let Some(implicit) = &mut self.implicit {
             implicit.stored = [implicit.stored[1], stored];
         }

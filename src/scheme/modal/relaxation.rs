@@ -66,7 +66,7 @@ impl RelaxedStep for ContactStep<'_> {
         let ContactStep { now, energy: [constant, linear, quadratic], gamma, .. } = self;
         let active = self.contact.active().iter();
         let rest: f64 = active.map(|&i| 0.5 * now.reaction[i] * (now.x[i] - now.y[i])).sum();
-        let stored = self.model.stored_energy(&now.reaction);
+        let stored = self.model.laws.stored_under(&now.reaction);
         Ok([constant + gamma * (linear + gamma * quadratic) + rest + stored, self.enough])
     }
 
@@ -115,7 +115,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let (energy, size) = self.excess(received + obstacles - dissipated);
         let State { reaction, x, y, .. } = &self.before;
         let rest: f64 = reaction.iter().zip(x.iter().zip(y)).map(|(r, (x, y))| 0.5 * r * (x - y)).sum();
-        let left = energy[0] + rest + self.model.stored_energy(reaction);
+        let left = energy[0] + rest + self.model.laws.stored_under(reaction);
         let increments = &self.increments;
         let mut step = ContactStep {
             contact: &mut self.contact,

@@ -141,7 +141,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     fn stored_energy(&self) -> f64 {
         match (&self.implicit, self.newmark_parameters()) {
             (Some(implicit), Some([_, e])) => implicit.stored_now(e),
-            _ => self.model.stored_energy(&self.now.reaction),
+            _ => self.model.laws.stored_under(&self.now.reaction),
         }
     }
 

@@ -5,12 +5,12 @@ use super::coordinates::Coordinates;
 use super::data::ModalData;
 use super::limits::Limits;
 use crate::archive::Archive;
+use crate::contact_law::ContactLaw;
 use crate::error::Result;
 use crate::kernels::lanes::{dot, dots, sum};
 use crate::kernels::wide::widest;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
-use crate::obstacle::hertz_depth;
 use crate::scheme::{Start, System};
 use faer::Mat;
 use pulp::Arch;
@@ -60,7 +60,7 @@ impl State {
         self.respond(model, rows);
         let Limits { lower, upper, .. } = &self.data.near;
         for (k, r) in self.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            let depth = model.yields(k, *r).map_or(0.0, |stiffness| hertz_depth(stiffness, r.abs()));
+            let depth = model.laws.pressed(k, *r).map_or(0.0, |law| law.depth(r.abs()));
             self.x[k] = if *r > 0.0 { lower[k] - depth } else { upper[k] + depth };
         }
     }

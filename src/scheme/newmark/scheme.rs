@@ -58,7 +58,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         };
         levels.force.renew(system, &levels.u_n)?;
         let own = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
-        let at_start = if system.bounds.hertz.is_some() { system.total(own)? } else { 0.0 };
+        let at_start = if system.bounds.laws.are_rigid() { 0.0 } else { system.total(own)? };
         driver.feed_residuals_forward(levels.energy_at_start(&start.velocity)?);
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
@@ -202,7 +202,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
         let Levels { system, u_n, d_n, force, stored, instants, .. } = &mut self.levels;
-        if system.bounds.hertz.is_some() {
+        if !system.bounds.laws.are_rigid() {
             archive.value(stored)?;
         }
         for vector in [u_n, d_n, &mut self.driver.x] {

@@ -235,8 +235,7 @@ impl<'s> Attached<'s> {
         let stops = |dof: usize| {
             let bound = ground.partition.own_dof(dof).and_then(|dof| bounds.dofs.binary_search(&dof).ok());
             bound.is_some_and(|bound| {
-                let yields = (0..2).any(|side| bounds.yields(bound, side).is_some());
-                !yields || bounds.rigid(bound).iter().any(|limit| limit.is_finite())
+                !bounds.laws.has(bound) || bounds.rigid(bound).iter().any(|limit| limit.is_finite())
             })
         };
         let stopped = |mass: &LumpedMass| matches!(mass.spot.free.weights(), [(dof, _)] if stops(*dof));

@@ -4,12 +4,13 @@ use super::ground::BuildContext;
 use super::lumps::AttachedBall;
 use super::motion::Lift;
 use crate::communicator::Communicator;
+use crate::contact_law::{LawNumbers, Laws, RIGID};
 use crate::error::{Error, Result};
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scene::{self, FieldInput, Scene, Side};
+use crate::scene::{self, Compliance, FieldInput, Scene, Side};
 use crate::simulation::DeflectionDof;
 use crate::simulation::regions::nodes_in;
 
@@ -120,11 +121,8 @@ impl<C: Communicator> Heights<C> {
                 Some(Side::Below) => still.upper[bound] = 0.0,
             }
         }
-        let mut found = Ok(());
-        if scene.hertz_stop().is_some() {
-            let yielding = yielding(scene, opposite, bounded, nodes);
-            found = yielding.map(|hertz| still.hertz = Some(hertz));
-        }
+        let laws = laws(scene, opposite, bounded, nodes);
+        let mut found = laws.map(|laws| still.laws = laws);
         let mut moving = Vec::new();
         for opposite in opposites(scene, opposite, bounded) {
             if opposite.height.changes() {
@@ -180,32 +178,34 @@ impl<C: Communicator> Heights<C> {
     }
 }
 
-/// Returns the stiffnesses with which the lower and upper bounds yield by the law of Hertz, in
-/// N/m^1.5, infinite where they are rigid; the sites of balls have numbers from `nodes` on.
+/// Returns the laws by which the bounds yield; the sites of balls have numbers from `nodes` on. The
+/// table has the laws of all obstacles and balls of the scene, in their order.
 ///
 /// # Errors
 /// Returns [`Error::Scene`] where a stop shares a side of a node with another obstacle.
-fn yielding(
-    scene: &Scene,
-    opposite: &[Vec<usize>],
-    bounded: &[DeflectionDof],
-    nodes: usize,
-) -> Result<Vec<[f64; 2]>> {
-    let of_balls = |site: &DeflectionDof| {
-        let mut stiffness = [f64::INFINITY; 2];
-        if let Some(ball) = site.node.checked_sub(nodes).map(|ball| &scene.attachments.balls[ball])
-            && let Some(hertz) = ball.compliance.and_then(|of| of.hertz())
-        {
-            stiffness[usize::from(ball.side == Side::Below)] = hertz;
-        }
-        stiffness
+fn laws(scene: &Scene, opposite: &[Vec<usize>], bounded: &[DeflectionDof], nodes: usize) -> Result<Laws> {
+    let mut table = Vec::new();
+    let mut add = |compliance: Option<Compliance>| {
+        let law = compliance.and_then(|of| of.contact_law())?;
+        table.push(law);
+        Some(table.len() as u32 - 1)
     };
-    let mut hertz: Vec<[f64; 2]> = bounded.iter().map(of_balls).collect();
+    let of_obstacles: Vec<Option<u32>> = scene.obstacles.iter().map(|of| add(of.compliance)).collect();
+    let of_balls: Vec<Option<u32>> = scene.attachments.balls.iter().map(|of| add(of.compliance)).collect();
+    let of_site = |site: &DeflectionDof| {
+        let mut numbers = [RIGID; 2];
+        if let Some(ball) = site.node.checked_sub(nodes) {
+            let side = usize::from(scene.attachments.balls[ball].side == Side::Below);
+            numbers[side] = of_balls[ball].unwrap_or(RIGID);
+        }
+        numbers
+    };
+    let mut numbers: Vec<LawNumbers> = bounded.iter().map(of_site).collect();
     let mut owners = vec![[None; 2]; bounded.len()];
-    for (number, of) in opposites(scene, opposite, bounded).enumerate() {
-        let law = scene.obstacles[number].compliance.and_then(|of| of.hertz());
-        let side = usize::from(of.side == Side::Above);
-        for bound in of.bounds {
+    for (number, faced) in opposites(scene, opposite, bounded).enumerate() {
+        let law = of_obstacles[number];
+        let side = usize::from(faced.side == Side::Above);
+        for bound in faced.bounds {
             if let Some((first, other)) = owners[bound][side].replace((number, law))
                 && (law.is_some() || other.is_some())
             {
@@ -218,11 +218,11 @@ fn yielding(
                 )));
             }
             if let Some(law) = law {
-                hertz[bound][side] = law;
+                numbers[bound][side] = law;
             }
         }
     }
-    Ok(hertz)
+    Ok(Laws::new(table, numbers))
 }
 
 /// Number of points of an obstacle at which jumps of its height are detected.

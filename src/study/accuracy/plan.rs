@@ -293,8 +293,8 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
     let mut drop = |what: String, why| Dropped::add(dropped, what, why);
     for &name in &study.schemes {
         for &mass in &study.masses {
-            let is_hertz = scene.hertz_stop().is_some();
-            if let Err(why) = serves(name, mass, !scene.obstacles.is_empty(), is_hertz) {
+            let yields = scene.yielding_stop().is_some();
+            if let Err(why) = serves(name, mass, !scene.obstacles.is_empty(), yields) {
                 drop(format!("{name} {mass}"), why);
                 continue;
             }
@@ -337,10 +337,10 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
 }
 
 /// Returns an error with the reason if a scheme makes no sense with a mass.
-fn serves(scheme: SchemeName, mass: Mass, obstacles: bool, is_hertz: bool) -> Result<(), &'static str> {
+fn serves(scheme: SchemeName, mass: Mass, obstacles: bool, yields: bool) -> Result<(), &'static str> {
     let scheme = scheme.capabilities();
     match mass {
-        _ if is_hertz && !scheme.takes_hertz => Err("it takes no stops by the law of Hertz"),
+        _ if yields && !scheme.takes_laws => Err("it takes no stops by the law of Hertz"),
         Mass::Consistent if scheme.needs_singular_mass.is_some() => Err("it needs the singular mass"),
         Mass::Consistent if obstacles && !scheme.bounces_with_consistent_mass => {
             Err("unstable in contact at every step with the consistent mass")

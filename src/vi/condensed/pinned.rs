@@ -8,7 +8,7 @@ use crate::linalg::vectors::{add, axpy, waxpy};
 use crate::linalg::{BoundedDofs, Engine, Factor};
 use crate::obstacle::Bounds;
 use crate::vi::active_set::{self, BoundStatus, BoundValues, Exchange, Move};
-use crate::vi::hertz::{HertzBound, YieldingProblem};
+use crate::vi::laws::{YieldingBound, YieldingProblem};
 use crate::vi::{Answer, DenseProblem, Problem, apply};
 use faer::linalg::solvers::DenseSolveCore;
 use faer::{Mat, Side as Triangle};
@@ -79,7 +79,7 @@ impl<E: Engine> Condensed<E> {
             } else {
                 x.copy_from_slice(&increment);
             }
-            if bounds.hertz.is_some() {
+            if !bounds.laws.are_rigid() {
                 let (iterations, loads) = add_yielding(engine, &mut self.factor, bounds, x)?;
                 yields += iterations;
                 if engine.comm().all_reduce_any(loads.iter().any(|(_, force)| *force != 0.0)) {
@@ -98,9 +98,9 @@ impl<E: Engine> Condensed<E> {
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 at_bounds[i] = x[dof];
                 let force = residual[dof] - b[dof];
-                let pushes = |side| bounds.yields(i, side).is_some() && bounds.depth(i, side, x[dof]) > 0.0;
+                let law = bounds.reaction(i, x[dof]);
                 reaction[i] = match self.sides[i] {
-                    BoundStatus::Free if force > 0.0 && pushes(0) || force < 0.0 && pushes(1) => force,
+                    BoundStatus::Free if law * force > 0.0 => force,
                     BoundStatus::Free => 0.0,
                     _ => force,
                 };
@@ -181,18 +181,15 @@ fn add_yielding<E: Engine>(
     x: &mut [f64],
 ) -> Result<(u32, Vec<(usize, f64)>)> {
     let comm = engine.comm();
-    let is_soft = |i: &usize| (0..2).any(|side| bounds.yields(*i, side).is_some());
-    let own: Vec<usize> = (0..bounds.len()).filter(is_soft).collect();
-    let numbers = |&i: &usize| {
-        let [lower, upper] = bounds.hertz.as_ref().map_or([f64::INFINITY; 2], |hertz| hertz[i]);
-        [x[bounds.dofs[i]], bounds.lower[i], bounds.upper[i], lower, upper]
-    };
+    let own: Vec<usize> = (0..bounds.len()).filter(|&i| bounds.laws.has(i)).collect();
+    let numbers =
+        |&i: &usize| (x[bounds.dofs[i]], [bounds.lower[i], bounds.upper[i]], bounds.laws.numbers(i));
     let (all, first) = comm.all_gather_with_offset(&own.iter().map(numbers).collect::<Vec<_>>());
     let bound = |place: usize, entry: usize| {
-        let [_, lower, upper, k_lower, k_upper] = all[place];
-        HertzBound { entry, limits: [lower, upper], stiffness: [k_lower, k_upper] }
+        let (_, limits, numbers) = all[place];
+        YieldingBound { entry, limits, laws: bounds.laws.numbered(numbers) }
     };
-    let free: Vec<f64> = all.iter().map(|of| of[0]).collect();
+    let free: Vec<f64> = all.iter().map(|(free, ..)| *free).collect();
     let (mut values, mut responses, mut forces) = (free.clone(), Vec::<UnitResponse>::new(), Vec::new());
     let mut iterations = 0;
     loop {
@@ -224,7 +221,7 @@ fn add_yielding<E: Engine>(
         };
         let of_row = |i: usize| (0..size).map(|j| stiffness[(i, j)] * free[responses[j].place]).sum();
         let rhs: Vec<f64> = (0..size).map(of_row).collect();
-        let yielding: Vec<HertzBound> =
+        let yielding: Vec<YieldingBound> =
             responses.iter().enumerate().map(|(entry, of)| bound(of.place, entry)).collect();
         let limits = [f64::NEG_INFINITY, f64::INFINITY].map(|limit| vec![limit; size]);
         let rigid = DenseProblem { matrix: &stiffness, rhs: &rhs, lower: &limits[0], upper: &limits[1] };

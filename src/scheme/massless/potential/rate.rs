@@ -18,6 +18,7 @@
 //! bound: the rate r' of its reaction gives it the rate W = l' - r' / k.
 
 use super::{MEAN_TOLERANCE, Potential, ROUNDS};
+use crate::contact_law::ContactLaw;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{add, axpy, aypx, dot, subtract, waxpy};
@@ -136,7 +137,11 @@ impl<'s, E: Engine> Held<'s, E> {
         let node = |i: usize| {
             let of = |rates: &Bounds| if reaction[i] > 0.0 { rates.lower[i] } else { rates.upper[i] };
             let (dof, rate) = (bounds.dofs[i], change.bounds.as_ref().map_or(0.0, of));
-            let compliance = bounds.stiffness_under(i, reaction[i]).map_or(0.0, |stiffness| 1.0 / stiffness);
+            let law = bounds.laws.pressed(i, reaction[i]);
+            let compliance = law.map_or(0.0, |law| {
+                let force = reaction[i].abs();
+                1.0 / law.linearised(law.depth(force), force).stiffness
+            });
             let weight = match compliance {
                 0.0 => diagonal[dof],
                 of_bound => 1.0 / (1.0 / diagonal[dof] + of_bound),
