@@ -49,7 +49,8 @@ follow_command() {
     cat "$scratch/output" >>"$scratch/said"
     printf '%8s %8s  %-16s  %s\n' "$(since "$begin")" "$(since "$start")" "$page" "$(squeezed <<<"${command%% #*}")"
     case $command in
-    'make run'*) reach 'a build, and a run' ;;
+    'rebond run scenes/'*) reach 'a build, and a run' ;;
+    'make run'*) reach 'a build with PETSc, and a run' ;;
     'rebond run'*) reach 'a run of a scene of one'\''s own' ;;
     'rebond plot'*) reach 'a picture' ;;
     'rebond report'*) reach 'a report' ;;
@@ -86,6 +87,8 @@ follow_page() {
 }
 
 printf ' seconds  elapsed  page              command\n'
+# Rust by rustup asks for a linker.
+command -v cc >/dev/null || sudo apt-get -qq install --yes gcc libc6-dev >/dev/null
 start=$(now)
 follow_page README.md
 follow_page docs/tutorial.md
