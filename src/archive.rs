@@ -269,9 +269,9 @@ pub fn join(parts: Vec<(Vec<Entry>, Numbering)>) -> Result<Vec<Entry>> {
                 }
                 *values = vec![0.0; vectors.iter().map(Vec::len).sum()];
                 for (numbering, vector) in numberings.iter().zip(&vectors) {
-                    let Numbers { own, total } = numbering.of(*over);
+                    let Numbers { own: numbers, total } = numbering.of(*over);
                     let width = (values.len() / total.max(&1)).max(1);
-                    for (number, from) in own.iter().zip(vector.chunks_exact(width)) {
+                    for (number, from) in numbers.iter().zip(vector.chunks_exact(width)) {
                         values[width * number..][..width].copy_from_slice(from);
                     }
                 }
@@ -287,25 +287,25 @@ pub fn join(parts: Vec<(Vec<Entry>, Numbering)>) -> Result<Vec<Entry>> {
 /// # Errors
 /// Returns [`Error::Checkpoint`] where there are fewer values than the numbering requires.
 pub fn part(joined: Vec<Entry>, numbering: &Numbering, rank: usize, same: bool) -> Result<Archive> {
-    let own = |entry| {
+    let piece = |entry| {
         Ok(match entry {
             Entry::Lists(lists) if same => Entry::Lists(lists.into_iter().skip(rank).take(1).collect()),
             Entry::Lists(lists) if rank == 0 => Entry::Lists(lists),
             Entry::Lists(_) => Entry::Lists(Vec::new()),
             Entry::Vector(over, values) => {
-                let Numbers { own, total } = numbering.of(over);
+                let Numbers { own: numbers, total } = numbering.of(over);
                 if values.len() % total.max(&1) != 0 {
                     return Err(unfit(format!("{} numbers for {total} {over:?}", values.len())));
                 }
                 let width = values.len() / total.max(&1);
                 Entry::Vector(
                     over,
-                    own.iter().flat_map(|number| &values[width * number..][..width]).copied().collect(),
+                    numbers.iter().flat_map(|number| &values[width * number..][..width]).copied().collect(),
                 )
             }
             entry => entry,
         })
     };
-    let entries = joined.into_iter().map(own).collect::<Result<Vec<_>>>()?;
+    let entries = joined.into_iter().map(piece).collect::<Result<Vec<_>>>()?;
     Ok(Archive::Restores { entries: entries.into_iter(), same_processes: same })
 }

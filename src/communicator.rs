@@ -99,9 +99,9 @@ impl<T: Summand, const N: usize> Summand for [T; N] {
 
 /// Reads a value and advances to the bytes behind it.
 fn take<T: Plain>(bytes: &mut &[u8]) -> T {
-    let (own, rest) = bytes.split_at(T::BYTES);
+    let (head, rest) = bytes.split_at(T::BYTES);
     *bytes = rest;
-    T::read(own)
+    T::read(head)
 }
 
 macro_rules! tuples {
@@ -152,15 +152,15 @@ pub trait Communicator: Clone + 'static {
     fn barrier(&self);
 
     /// Returns one value per rank, in rank order, the same on every rank. Collective.
-    fn all_gather_one<T: Plain>(&self, own: T) -> Vec<T>;
+    fn all_gather_one<T: Plain>(&self, value: T) -> Vec<T>;
 
     /// Returns the values of all ranks in rank order, the same on every rank, and the index of this
     /// rank's first value. Ranks may have different numbers of values. Collective.
-    fn all_gather_with_offset<T: Plain>(&self, own: &[T]) -> (Vec<T>, usize);
+    fn all_gather_with_offset<T: Plain>(&self, values: &[T]) -> (Vec<T>, usize);
 
     /// Returns the values of each rank, in rank order, on rank 0, and nothing on the other ranks.
     /// Collective.
-    fn gather<T: Plain>(&self, own: &[T]) -> Vec<Vec<T>>;
+    fn gather<T: Plain>(&self, values: &[T]) -> Vec<Vec<T>>;
 
     /// Overwrites the values on all ranks with those of rank 0, because processors may round
     /// differently. All slices have the same length. Collective.
@@ -168,28 +168,28 @@ pub trait Communicator: Clone + 'static {
 
     /// Returns the values of all ranks in rank order, the same on every rank. Ranks may have
     /// different numbers of values. Collective.
-    fn all_gather<T: Plain>(&self, own: &[T]) -> Vec<T> {
-        self.all_gather_with_offset(own).0
+    fn all_gather<T: Plain>(&self, values: &[T]) -> Vec<T> {
+        self.all_gather_with_offset(values).0
     }
 
     /// Combines one value per rank by a function, in rank order. Collective.
-    fn all_reduce<T: Plain>(&self, own: T, combine: impl FnMut(T, T) -> T) -> T {
-        self.all_gather_one(own).into_iter().reduce(combine).unwrap_or(own)
+    fn all_reduce<T: Plain>(&self, value: T, combine: impl FnMut(T, T) -> T) -> T {
+        self.all_gather_one(value).into_iter().reduce(combine).unwrap_or(value)
     }
 
     /// Returns the sum over all ranks, entry by entry for an array. Collective.
     ///
     /// The values are gathered and added in rank order. The sum is therefore reproducible, and the
     /// same on every rank, whichever order the reductions of the MPI library have.
-    fn all_reduce_sum<T: Summand>(&self, own: T) -> T {
-        self.all_reduce(own, T::plus)
+    fn all_reduce_sum<T: Summand>(&self, value: T) -> T {
+        self.all_reduce(value, T::plus)
     }
 
     /// Returns the entrywise sums over all ranks of slices of equal length, each in rank order as
     /// in [`Communicator::all_reduce_sum`]. Collective.
-    fn all_reduce_sum_slice<T: Summand>(&self, own: &[T]) -> Vec<T> {
-        let all = self.all_gather(own);
-        let mut ranks = all.chunks_exact(own.len().max(1));
+    fn all_reduce_sum_slice<T: Summand>(&self, values: &[T]) -> Vec<T> {
+        let gathered = self.all_gather(values);
+        let mut ranks = gathered.chunks_exact(values.len().max(1));
         let mut sums = ranks.next().map_or(Vec::new(), <[T]>::to_vec);
         for rank in ranks {
             sums.iter_mut().zip(rank).for_each(|(sum, value)| *sum = sum.plus(*value));
@@ -200,7 +200,7 @@ pub trait Communicator: Clone + 'static {
     /// Returns the largest value of all ranks. Collective.
     ///
     /// A NaN is not lost: [`SelfComm`] returns it, the communicator of MPI returns infinity.
-    fn all_reduce_max(&self, own: f64) -> f64;
+    fn all_reduce_max(&self, value: f64) -> f64;
 
     /// Returns whether the condition holds on some rank. Collective.
     fn all_reduce_any(&self, holds: bool) -> bool {
@@ -219,13 +219,13 @@ pub trait Communicator: Clone + 'static {
     /// # Errors
     /// Returns the error of the lowest rank that has one: as it is on that rank, as
     /// [`Error::Elsewhere`] on the others.
-    fn all_ok<T>(&self, own: Result<T>) -> Result<T> {
-        if self.all_reduce_all(own.is_ok()) {
-            return own;
+    fn all_ok<T>(&self, result: Result<T>) -> Result<T> {
+        if self.all_reduce_all(result.is_ok()) {
+            return result;
         }
-        let codes = self.all_gather_one(own.as_ref().err().map_or(0, Error::exit_code));
+        let codes = self.all_gather_one(result.as_ref().err().map_or(0, Error::exit_code));
         let first = codes.iter().position(|&code| code != 0).unwrap_or(0);
-        let error = own.err().filter(|_| self.rank() == first);
+        let error = result.err().filter(|_| self.rank() == first);
         let words = self.all_gather(error.as_ref().map(Error::to_string).unwrap_or_default().as_bytes());
         let words = String::from_utf8_lossy(&words).into_owned();
         Err(error.unwrap_or(Error::Elsewhere { words, code: codes[first] }))
@@ -247,34 +247,34 @@ impl Communicator for SelfComm {
 
     fn barrier(&self) {}
 
-    fn all_gather_one<T: Plain>(&self, own: T) -> Vec<T> {
-        vec![own]
+    fn all_gather_one<T: Plain>(&self, value: T) -> Vec<T> {
+        vec![value]
     }
 
-    fn all_gather_with_offset<T: Plain>(&self, own: &[T]) -> (Vec<T>, usize) {
-        (own.to_vec(), 0)
+    fn all_gather_with_offset<T: Plain>(&self, values: &[T]) -> (Vec<T>, usize) {
+        (values.to_vec(), 0)
     }
 
-    fn gather<T: Plain>(&self, own: &[T]) -> Vec<Vec<T>> {
-        vec![own.to_vec()]
+    fn gather<T: Plain>(&self, values: &[T]) -> Vec<Vec<T>> {
+        vec![values.to_vec()]
     }
 
     fn broadcast<T: Plain>(&self, _: &mut [T]) {}
 
-    fn all_reduce<T: Plain>(&self, own: T, _: impl FnMut(T, T) -> T) -> T {
-        own
+    fn all_reduce<T: Plain>(&self, value: T, _: impl FnMut(T, T) -> T) -> T {
+        value
     }
 
-    fn all_reduce_max(&self, own: f64) -> f64 {
-        own
+    fn all_reduce_max(&self, value: f64) -> f64 {
+        value
     }
 
     fn all_reduce_any(&self, holds: bool) -> bool {
         holds
     }
 
-    fn all_ok<T>(&self, own: Result<T>) -> Result<T> {
-        own
+    fn all_ok<T>(&self, result: Result<T>) -> Result<T> {
+        result
     }
 }
 

@@ -85,9 +85,9 @@ impl Extent {
     /// # Errors
     /// Returns the errors of reading.
     pub fn read_again(self, file: impl Read) -> io::Result<Extent> {
-        let mut found = Extent::default();
-        io::copy(&mut file.take(self.length), &mut found)?;
-        Ok(found)
+        let mut extent = Extent::default();
+        io::copy(&mut file.take(self.length), &mut extent)?;
+        Ok(extent)
     }
 }
 

@@ -19,20 +19,20 @@ pub const LARGEST_SCENE: u64 = 4_000_000;
 /// one larger than the memory that is left.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     let refuse = |why: String| Error::io(path)(io::Error::new(io::ErrorKind::InvalidInput, why));
-    let found = fs::metadata(path).map_err(Error::io(path))?;
-    require_file(&found).map_err(Error::io(path))?;
+    let metadata = fs::metadata(path).map_err(Error::io(path))?;
+    require_file(&metadata).map_err(Error::io(path))?;
     let too_large = |size: u64| {
         let (size, most) = (memory::size(size), memory::size(most));
         refuse(format!("the file has {size}; expected at most {most}"))
     };
-    if found.len() > most {
-        return Err(too_large(found.len()));
+    if metadata.len() > most {
+        return Err(too_large(metadata.len()));
     }
     // The contents need memory twice: as bytes, and as what is read from them.
-    memory::require(2 * found.len(), &format!("reading {}", path.display()), |_| {
+    memory::require(2 * metadata.len(), &format!("reading {}", path.display()), |_| {
         "expected a smaller file".into()
     })?;
-    let mut bytes = Vec::with_capacity(found.len() as usize);
+    let mut bytes = Vec::with_capacity(metadata.len() as usize);
     // Some files grow, and some system files report a size of zero.
     let file = File::open(path).map_err(Error::io(path))?;
     file.take(most.saturating_add(1)).read_to_end(&mut bytes).map_err(Error::io(path))?;
@@ -63,8 +63,8 @@ pub fn open_plain(options: &mut OpenOptions, path: &Path) -> io::Result<File> {
             Ok(file)
         }
         Err(why) => {
-            if let Ok(found) = fs::symlink_metadata(path) {
-                require_file(&found)?;
+            if let Ok(metadata) = fs::symlink_metadata(path) {
+                require_file(&metadata)?;
             }
             Err(why)
         }
@@ -85,8 +85,8 @@ pub fn read_plain(path: &Path) -> io::Result<Vec<u8>> {
 ///
 /// # Errors
 /// Returns an error of the kind [`io::ErrorKind::InvalidInput`] that says what it is.
-pub fn require_file(found: &Metadata) -> io::Result<()> {
-    let kind = match found.file_type() {
+pub fn require_file(metadata: &Metadata) -> io::Result<()> {
+    let kind = match metadata.file_type() {
         kind if kind.is_file() => return Ok(()),
         kind if kind.is_dir() => "a folder",
         kind if kind.is_symlink() => "a symbolic link",

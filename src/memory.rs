@@ -68,8 +68,8 @@ pub fn require_of_each(
     if bytes < SMALL {
         return Ok(());
     }
-    let left = room(processes).map(|room| Room { bytes: room.bytes.saturating_sub(RESERVE), ..room });
-    match left {
+    let room_left = room(processes).map(|room| Room { bytes: room.bytes.saturating_sub(RESERVE), ..room });
+    match room_left {
         Some(room) if bytes > room.bytes => Err(Error::Memory(format!(
             "{what} takes about {} of memory, and {} leaves {}; {}",
             size(bytes),
@@ -132,13 +132,13 @@ fn room_of(sources: &Sources, processes: u64) -> Option<Room> {
     let shared = kilobytes(&machine, "MemAvailable:").map(|bytes| (bytes + swap, "the machine"));
     let group = group_room(sources, &text("self/cgroup")).map(|bytes| (bytes, "the control group (cgroup)"));
     let share = |(bytes, limit)| (bytes / processes.max(1), limit);
-    let own = |limit: &str, used: &str| {
+    let limited = |limit: &str, used: &str| {
         Some(number_after(&limits, limit)?.saturating_sub(kilobytes(&status, used)?))
     };
-    let addresses = own("Max address space", "VmSize:").map(|bytes| (bytes, "`ulimit -v`"));
-    let data = own("Max data size", "VmData:").map(|bytes| (bytes, "`ulimit -d`"));
-    let all = [shared.map(share), group.map(share), addresses, data];
-    let (bytes, limit) = all.into_iter().flatten().min()?;
+    let addresses = limited("Max address space", "VmSize:").map(|bytes| (bytes, "`ulimit -v`"));
+    let data = limited("Max data size", "VmData:").map(|bytes| (bytes, "`ulimit -d`"));
+    let bounds = [shared.map(share), group.map(share), addresses, data];
+    let (bytes, limit) = bounds.into_iter().flatten().min()?;
     Some(Room { bytes, limit })
 }
 
@@ -158,7 +158,7 @@ fn group_room(sources: &Sources, membership: &str) -> Option<u64> {
         };
         let (root, names) = match controllers {
             "" => (sources.groups.clone(), ["memory.max", "memory.current", "inactive_file"]),
-            _ if controllers.split(',').any(|of| of == "memory") => (
+            _ if controllers.split(',').any(|name| name == "memory") => (
                 sources.groups.join("memory"),
                 ["memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"],
             ),
@@ -173,8 +173,8 @@ fn group_room(sources: &Sources, membership: &str) -> Option<u64> {
             let (Some(limit), Some(used)) = (number(names[0]), number(names[1])) else { continue };
             // Cached files can be evicted.
             let cached = read("memory.stat").and_then(|stat| number_after(&stat, &format!("{} ", names[2])));
-            let left = limit.saturating_sub(used.saturating_sub(cached.unwrap_or(0)));
-            least = Some(least.map_or(left, |least| least.min(left)));
+            let unused = limit.saturating_sub(used.saturating_sub(cached.unwrap_or(0)));
+            least = Some(least.map_or(unused, |least| least.min(unused)));
         }
     }
     least

@@ -46,7 +46,7 @@ pub trait Sections {
     ///
     /// # Errors
     /// Returns [`crate::Error::Scene`] where a formula has no valid value.
-    fn section(&self, cell: usize, at: Point) -> Result<Section>;
+    fn section(&self, cell: usize, point: Point) -> Result<Section>;
 
     /// Returns the quadrature rules for the pieces of a cell whose section varies, where the rule
     /// of degree 6 does not suffice.
@@ -118,7 +118,8 @@ impl Plate {
                 let along = self.rigidity();
                 let other = along * across / self.youngs_modulus;
                 let twist = shear_modulus * self.thickness.powi(3) / 3.0;
-                let own = Matrix3::new(along, 0.0, nu * other, 0.0, twist, 0.0, nu * other, 0.0, other);
+                let along_grain =
+                    Matrix3::new(along, 0.0, nu * other, 0.0, twist, 0.0, nu * other, 0.0, other);
                 let (s, c) = grain.to_radians().sin_cos();
                 let turn = Matrix3::new(
                     c * c,
@@ -131,7 +132,7 @@ impl Plate {
                     -2.0 * s * c,
                     c * c,
                 );
-                turn.tr_mul(&(own * turn))
+                turn.tr_mul(&(along_grain * turn))
             }
         };
         Section { bending, density: self.surface_density(), thickness: self.thickness }

@@ -57,8 +57,8 @@ impl Animate {
         let delay = Duration::from_secs_f64(self.duration / figures.len() as f64);
         animation::write(&path, &figures, self.width, delay)?;
         let size = std::fs::metadata(&path).map_err(Error::io(&path))?.len();
-        let (frames, all) = (figures.len(), run.snapshots.len());
-        let of = if frames < all { format!(" of {all} snapshots") } else { String::new() };
-        print(&format!("{} ({frames} frames{of}, {} kB)\n", path.display(), grouped(size / 1000)))
+        let (frames, count) = (figures.len(), run.snapshots.len());
+        let share = if frames < count { format!(" of {count} snapshots") } else { String::new() };
+        print(&format!("{} ({frames} frames{share}, {} kB)\n", path.display(), grouped(size / 1000)))
     }
 }

@@ -65,18 +65,18 @@ impl Template {
 impl NewScene {
     pub(super) fn execute(&self) -> Result<()> {
         let files = self.kind.files();
-        let own = files[0].0;
-        let scene = self.out.clone().unwrap_or_else(|| own.into());
+        let template = files[0].0;
+        let scene = self.out.clone().unwrap_or_else(|| template.into());
         let Some(name) = scene.file_name() else {
-            let wrong = format!("--out {}: names no file; expected one such as {own}", scene.display());
+            let wrong = format!("--out {}: names no file; expected one such as {template}", scene.display());
             return Err(Error::Usage(wrong));
         };
         // The comments of a scene name its file and the folder of its run.
         let name = name.to_string_lossy();
         let stem = |name: &str| name.strip_suffix(".toml").unwrap_or(name).to_owned();
-        let text = files[0].1.replace(own, &name);
-        let text = text.replace(&format!("runs/{}", stem(own)), &format!("runs/{}", stem(&name)));
-        let text = text.replace(&format!("sweeps/{}", stem(own)), &format!("sweeps/{}", stem(&name)));
+        let text = files[0].1.replace(template, &name);
+        let text = text.replace(&format!("runs/{}", stem(template)), &format!("runs/{}", stem(&name)));
+        let text = text.replace(&format!("sweeps/{}", stem(template)), &format!("sweeps/{}", stem(&name)));
         let folder = scene.parent().unwrap_or(Path::new(""));
         let beside = files[1..].iter().map(|(name, text)| (folder.join(name), (*text).to_owned()));
         let files: Vec<(PathBuf, String)> = std::iter::once((scene.clone(), text)).chain(beside).collect();

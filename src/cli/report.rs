@@ -87,41 +87,42 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
 fn add_extremes(report: &mut Report, outcome: &Outcome) {
     let place = |[x, y]: [f64; 2]| format!("({}, {}) m", significant(x), significant(y));
     let seconds = |time: f64| format!("at {} s", significant(time));
-    if let Some(Extremes { von_mises: StressPeak { value, time, at, surface } }) = outcome.extremes {
+    if let Some(Extremes { von_mises: StressPeak { value, time, at: point, surface } }) = outcome.extremes {
         let side = if surface.sign() < 0.0 { "lower" } else { "upper" };
         report
             .number("largest von Mises stress", value, "Pa")
-            .text("  at", format!("{}, {} surface, {}", place(at), side, seconds(time)));
+            .text("  at", format!("{}, {} surface, {}", place(point), side, seconds(time)));
     }
     for (name, force) in &outcome.forces {
         match force {
-            NamedForce::Support(of) => {
-                let most = of.peak_moment.iter().fold(0.0, |most: f64, of| most.max(of.abs()));
-                let [x, y] = of
+            NamedForce::Support(forces) => {
+                let most = forces.peak_moment.iter().fold(0.0, |most: f64, moment| most.max(moment.abs()));
+                let [x, y] = forces
                     .peak_moment
-                    .map(|of| if of.abs() <= ROUNDING * most { 0.0 } else { of })
+                    .map(|moment| if moment.abs() <= ROUNDING * most { 0.0 } else { moment })
                     .map(significant);
                 report
-                    .number(format!("{name}, largest force"), of.peak, "N")
-                    .text("  at", format!("{} s", significant(of.time_of_peak)))
-                    .number("  impulse", of.impulse, "N s")
+                    .number(format!("{name}, largest force"), forces.peak, "N")
+                    .text("  at", format!("{} s", significant(forces.time_of_peak)))
+                    .number("  impulse", forces.impulse, "N s")
                     .text("  largest moment", format!("{x} N m about x, {y} N m about y"))
-                    .text("    at", format!("{} s", significant(of.time_of_peak_moment)));
+                    .text("    at", format!("{} s", significant(forces.time_of_peak_moment)));
             }
-            NamedForce::Obstacle(of) => {
-                report.number(format!("{name}, largest force"), of.peak, "N");
-                if let Some(time) = of.time_of_peak {
+            NamedForce::Obstacle(forces) => {
+                report.number(format!("{name}, largest force"), forces.peak, "N");
+                if let Some(time) = forces.time_of_peak {
                     report.text("  at", format!("{} s", significant(time)));
                 }
-                report.number("  impulse", of.impulse, "N s").count("  impacts", of.impacts, "").number(
-                    "  time in contact",
-                    of.time_in_contact,
-                    "s",
-                );
-                if let Some(HardestImpact { time, at, approach_velocity, impulse, .. }) = of.hardest {
+                report
+                    .number("  impulse", forces.impulse, "N s")
+                    .count("  impacts", forces.impacts, "")
+                    .number("  time in contact", forces.time_in_contact, "s");
+                if let Some(HardestImpact { time, at: point, approach_velocity, impulse, .. }) =
+                    forces.hardest
+                {
                     report
                         .number("  impulse of the hardest", impulse, "N s")
-                        .text("    at", format!("{}, {}", place(at), seconds(time)))
+                        .text("    at", format!("{}, {}", place(point), seconds(time)))
                         .number("    approach velocity", approach_velocity, "m/s");
                 }
             }

@@ -112,8 +112,9 @@ fn cheapest(study: &Value) -> RunTable {
         Value::Number(number) => number.to_string(),
         _ => String::new(),
     };
-    let row =
-        |of: &Value| ["among", "accuracy", "run", "seconds", "error"].map(|key| cell(&of[key])).to_vec();
+    let row = |entry: &Value| {
+        ["among", "accuracy", "run", "seconds", "error"].map(|key| cell(&entry[key])).to_vec()
+    };
     RunTable {
         heading: "Cheapest run for each accuracy".to_owned(),
         heads: heads.map(str::to_owned).to_vec(),

@@ -64,8 +64,8 @@ impl ManPages {
         match commands().find(|command| command.get_name() == name) {
             Some(command) => print(&page(command)?),
             None => {
-                let known: Vec<&str> = commands().map(clap::Command::get_name).collect();
-                let expected = format!("expected one of {}{}", known.join(", "), suggestion(name, &known));
+                let names: Vec<&str> = commands().map(clap::Command::get_name).collect();
+                let expected = format!("expected one of {}{}", names.join(", "), suggestion(name, &names));
                 Err(Error::Usage(format!("{name:?} is no command; {expected}")))
             }
         }
@@ -90,7 +90,7 @@ impl Schema {
 
 /// Returns the version of the program, and those of the libraries that it finds.
 pub(super) fn version() -> String {
-    let own = env!("CARGO_PKG_VERSION");
+    let version = env!("CARGO_PKG_VERSION");
     #[cfg(feature = "petsc")]
     {
         let petsc = match Context::library_version() {
@@ -101,8 +101,8 @@ pub(super) fn version() -> String {
         let mpi = mpi::environment::library_version().unwrap_or_default();
         let mpi = mpi.lines().next().unwrap_or_default();
         let mpi = mpi.split(", package").next().unwrap_or(mpi).trim_matches(['\0', ' ']).to_owned();
-        format!("{own}\nfeatures: petsc\nengines: native, petsc\n{petsc}\n{mpi}")
+        format!("{version}\nfeatures: petsc\nengines: native, petsc\n{petsc}\n{mpi}")
     }
     #[cfg(not(feature = "petsc"))]
-    format!("{own}\nfeatures: none (built without petsc)\nengines: native")
+    format!("{version}\nfeatures: none (built without petsc)\nengines: native")
 }

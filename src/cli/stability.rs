@@ -42,10 +42,10 @@ impl Stable {
     pub(super) fn execute(&self) -> Result<()> {
         let _cache = self.cache.open(self.voice.is_silent());
         let contenders = self.with.iter().map(|name| Contender::parse(name)).collect::<Result<Vec<_>>>()?;
-        let own = if self.scenes.is_empty() { Some(HardScenes::unpack()?) } else { None };
+        let unpacked = if self.scenes.is_empty() { Some(HardScenes::unpack()?) } else { None };
         let given = self.scenes.iter().map(PathBuf::as_path);
         let mut scenes = Vec::new();
-        for path in given.chain(own.as_ref().map(HardScenes::folder)) {
+        for path in given.chain(unpacked.as_ref().map(HardScenes::folder)) {
             for file in files(path)? {
                 let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
                 scenes.push((name, Scene::load(&file, &self.overrides)?));

@@ -169,17 +169,17 @@ impl Study {
         self.refuse_results(&folder, &hash)?;
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         remove(&folder.join(report::FILE))?;
-        let known = match input::read_plain(&folder.join("study.json")) {
+        let stopped = match input::read_plain(&folder.join("study.json")) {
             Ok(json) if !self.fresh => Accuracy::stopped(&json, &hash),
             _ => None,
         };
-        if let (Some(known), false) = (&known, quiet) {
-            let (runs, failures) = (known.runs.len(), known.failures.len());
+        if let (Some(stopped), false) = (&stopped, quiet) {
+            let (runs, failures) = (stopped.runs.len(), stopped.failures.len());
             eprintln!("going on in {}: {runs} runs and {failures} failures are known", folder.display());
         }
         let line = moving_line("{pos}/{len}  {elapsed}  {wide_msg}", Some(0), quiet);
         let mut watch = Files { folder: &folder, command: &command, scene, hash: &hash, line, quiet };
-        let accuracy = accuracy::study(scene, study, known, run, self.jobs.get(), &mut watch)?;
+        let accuracy = accuracy::study(scene, study, stopped, run, self.jobs.get(), &mut watch)?;
         watch.line.finish_and_clear();
         pictures::write(&accuracy, &folder.join("plots"), &command)?;
         self.scene.voice.print(&accuracy, &accuracy.summary(&command, scene, &hash))?;
@@ -193,8 +193,8 @@ impl Study {
     fn refuse_results(&self, folder: &Path, hash: &str) -> Result<()> {
         claim::refuse_foreign(folder, "study", "--out", |name| FILES.contains(&name))?;
         let Ok(bytes) = input::read_plain(&folder.join(FILES[0])) else { return Ok(()) };
-        let known: serde_json::Value = serde_json::from_slice(&bytes).unwrap_or_default();
-        if self.fresh || known["scene"] == hash {
+        let study: serde_json::Value = serde_json::from_slice(&bytes).unwrap_or_default();
+        if self.fresh || study["scene"] == hash {
             return Ok(());
         }
         Err(Error::Usage(format!(

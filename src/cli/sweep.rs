@@ -105,27 +105,27 @@ impl SweepArgs {
         let load =
             |more: &[String]| self.scene.load_with(&settings.iter().chain(more).cloned().collect::<Vec<_>>());
         let scene = load(&[])?;
-        let Some(of) = &scene.sweep else {
+        let Some(sweep) = &scene.sweep else {
             let wrong =
                 "has no [sweep]; expected --over with --period, such as --over 'load.pressure=90..250:161'";
             return Err(Error::Usage(format!("{}: it {wrong}", self.scene.scene.display())));
         };
-        let groups = sweep::groups(of);
+        let groups = sweep::groups(sweep);
         if let Some(first) = groups.first().and_then(|runs| runs.first()) {
             // A key that does not exist ends the sweep before its first run.
-            sweep::scene_at(of, &load, &first.values)?;
+            sweep::scene_at(sweep, &load, &first.values)?;
         }
         match scene.solver.engine {
-            EngineName::Native => self.in_process(&scene, of, &load),
+            EngineName::Native => self.in_process(&scene, sweep, &load),
             #[cfg(feature = "petsc")]
-            EngineName::Petsc => self.on_ranks(&scene, of, &load),
+            EngineName::Petsc => self.on_ranks(&scene, sweep, &load),
             #[cfg(not(feature = "petsc"))]
             EngineName::Petsc => Model::new(&scene).map(drop), // says that this build has no such engine
         }
     }
 
     /// Makes the runs on the native engine.
-    fn in_process(&self, scene: &Scene, of: &SweepSpec, load: &Loader) -> Result<()> {
+    fn in_process(&self, scene: &Scene, sweep: &SweepSpec, load: &Loader) -> Result<()> {
         launch::one_process("the native engine runs")?;
         refuse_petsc_options(&self.scene.petsc)?;
         if self.ranks_per_run.is_some() {
@@ -136,9 +136,9 @@ impl SweepArgs {
         let store = SweepStore::open(&folder, &scene.hash(), self.overwrite)?;
         signal::listen()?;
         let cache = self.scene.open_cache();
-        let line = ProgressLine::new(count(of), store.count(), self.scene.voice.is_silent());
+        let line = ProgressLine::new(count(sweep), store.count(), self.scene.voice.is_silent());
         let mut files = SweepProgress { store, line };
-        let rows = sweep::conduct(of, load, &mut files, self.jobs.get(), &|| signal::signal_received());
+        let rows = sweep::conduct(sweep, load, &mut files, self.jobs.get(), &|| signal::signal_received());
         files.line.0.finish_and_clear();
         drop(cache);
         self.finish(scene, &folder, files.store, rows.map(drop))
@@ -146,14 +146,14 @@ impl SweepArgs {
 
     /// Makes the runs on PETSc, on groups of ranks. Collective.
     #[cfg(feature = "petsc")]
-    fn on_ranks(&self, scene: &Scene, of: &SweepSpec, load: &Loader) -> Result<()> {
+    fn on_ranks(&self, scene: &Scene, spec: &SweepSpec, load: &Loader) -> Result<()> {
         if self.jobs.get() > 1 {
             return Err(Error::Usage("--jobs: on PETSc expected --ranks-per-run, and mpirun -n".into()));
         }
-        let (all, ranks) = (launch::size(), self.ranks_per_run.map(NonZeroUsize::get));
+        let (size, ranks) = (launch::size(), self.ranks_per_run.map(NonZeroUsize::get));
         let identity = Identity::of(scene)?;
-        if let Some(ranks) = ranks.filter(|ranks| !all.is_multiple_of(*ranks)) {
-            let wrong = format!("--ranks-per-run {ranks} does not divide the number of ranks, {all}");
+        if let Some(ranks) = ranks.filter(|ranks| !size.is_multiple_of(*ranks)) {
+            let wrong = format!("--ranks-per-run {ranks} does not divide the number of ranks, {size}");
             return Err(Error::Usage(wrong));
         }
         let context = ranks::start(&self.scene.petsc, ranks, &identity)?;
@@ -165,15 +165,15 @@ impl SweepArgs {
             let _lock = everyone.all_ok(lock)?;
             let store = speaks.then(|| SweepStore::open(&folder, &hash, self.overwrite)).transpose();
             let store = everyone.all_ok(store)?;
-            let known = store.map_or_else(Vec::new, |store| store.indices());
-            let known = everyone.broadcast_value(&known)?;
+            let made = store.map_or_else(Vec::new, |store| store.indices());
+            let made = everyone.broadcast_value(&made)?;
             let (group, _) = context.group();
             let is_first = context.rank() == 0;
             let part = is_first.then(|| SweepPart::start(&folder, &hash, group)).transpose();
             let part = everyone.all_ok(part)?;
             signal::listen()?;
             let ranked =
-                RankedSweep { sweep: of, load, context: &context, known: &known, patience: ranks::PATIENCE };
+                RankedSweep { sweep: spec, load, context: &context, known: &made, patience: ranks::PATIENCE };
             // The first group tells how far it is, and each tells of its own failures.
             let line = ProgressLine::new(ranked.count(), 0, !speaks || self.scene.voice.is_silent());
             let mut told = |row: &SweepRow| {
@@ -222,21 +222,21 @@ impl SweepArgs {
 }
 
 /// Returns the number of runs of a sweep.
-fn count(of: &SweepSpec) -> usize {
-    sweep::groups(of).iter().map(Vec::len).sum()
+fn count(sweep: &SweepSpec) -> usize {
+    sweep::groups(sweep).iter().map(Vec::len).sum()
 }
 
 /// Progress of a sweep on the terminal.
 struct ProgressLine(ProgressBar);
 
 impl ProgressLine {
-    fn new(runs: usize, known: usize, quiet: bool) -> ProgressLine {
+    fn new(runs: usize, made: usize, quiet: bool) -> ProgressLine {
         let template = "{pos}/{len} runs  {elapsed}, {eta} left  {wide_msg}";
         let line = moving_line(template, Some(runs as u64), quiet);
-        if known > 0 && !quiet {
-            eprintln!("going on: {known} of {runs} runs are known");
+        if made > 0 && !quiet {
+            eprintln!("going on: {made} of {runs} runs are known");
         }
-        line.set_position(known as u64);
+        line.set_position(made as u64);
         line.reset_eta();
         ProgressLine(line)
     }

@@ -25,7 +25,7 @@ pub trait Integrand {
     fn enclose(&self, low: Point, high: Point) -> Enclosure<3>;
 
     /// Returns a number that differs across jumps and kinks.
-    fn side(&self, at: Point) -> u64;
+    fn side(&self, point: Point) -> u64;
 }
 
 /// Tolerances and limits of the search. All shares are of the integral of the function's magnitude
@@ -175,10 +175,10 @@ struct Search<'s> {
 }
 
 impl Search<'_> {
-    fn measure(&self, function: &dyn Integrand, of: usize, corners: Corners) -> Result<Part> {
-        let piece = &self.pieces[of];
+    fn measure(&self, function: &dyn Integrand, number: usize, corners: Corners) -> Result<Part> {
+        let piece = &self.pieces[number];
         let area = piece.area() * share(&corners);
-        let mut part = Part { of, corners, area, integral: [0.0; 3], size: 0.0, bent: 0.0 };
+        let mut part = Part { of: number, corners, area, integral: [0.0; 3], size: 0.0, bent: 0.0 };
         let places = DEGREE_6.map(|(weights, _)| combine(&corners, weights));
         let mut values = [0.0; DEGREE_6.len()];
         function.values(&places.map(|place| piece.point(place)), &mut values)?;
@@ -265,18 +265,18 @@ impl Search<'_> {
 
     /// Returns whether a jump or kink separates the corners and points of a part.
     fn is_across(&self, function: &dyn Integrand, part: &Part) -> bool {
-        let side = |at: [f64; 3]| function.side(self.pieces[part.of].point(at));
+        let side = |place: [f64; 3]| function.side(self.pieces[part.of].point(place));
         let first = side(part.corners[0]);
         let corners = part.corners[1..].iter().copied();
         let points = DEGREE_6.map(|(weights, _)| combine(&part.corners, weights));
-        corners.chain(points).any(|at| side(at) != first)
+        corners.chain(points).any(|place| side(place) != first)
     }
 
     /// Cuts a part in two along the chord of a jump that separates one corner from the others, or
     /// returns it whole.
-    fn cut(&self, function: &dyn Integrand, of: usize, corners: &Corners) -> Vec<Corners> {
-        let piece = &self.pieces[of];
-        let side = |at: [f64; 3]| function.side(piece.point(at));
+    fn cut(&self, function: &dyn Integrand, number: usize, corners: &Corners) -> Vec<Corners> {
+        let piece = &self.pieces[number];
+        let side = |place: [f64; 3]| function.side(piece.point(place));
         let sides = corners.map(side);
         let is_alone =
             |i: &usize| sides[*i] != sides[(i + 1) % 3] && sides[(i + 1) % 3] == sides[(i + 2) % 3];
@@ -364,7 +364,7 @@ pub fn refine<'f>(
     effort: Effort,
     comm: &impl Communicator,
 ) -> Result<Refined> {
-    let of_piece = |of: usize| function(pieces[of].cell);
+    let of_piece = |number: usize| function(pieces[number].cell);
     let mut search = Search { pieces, effort, size: 0.0, area: 0.0 };
     let mut fault = Ok(());
     // An error is kept until the end, because the other ranks wait for this one in each sum.
@@ -373,25 +373,25 @@ pub fn refine<'f>(
             fault = result;
         }
     };
-    let mut own = [0.0; 2];
-    for (of, piece) in pieces.iter().enumerate() {
-        if let Some(function) = of_piece(of) {
-            attempt(search.measure(function, of, WHOLE).map(|part| own[0] += part.size));
-            own[1] += piece.area();
+    let mut sums = [0.0; 2];
+    for (number, piece) in pieces.iter().enumerate() {
+        if let Some(function) = of_piece(number) {
+            attempt(search.measure(function, number, WHOLE).map(|part| sums[0] += part.size));
+            sums[1] += piece.area();
         }
     }
-    [search.size, search.area] = comm.all_reduce_sum(own);
+    [search.size, search.area] = comm.all_reduce_sum(sums);
     let mut refined = Refined::default();
     let mut cut_up: BTreeMap<usize, Parts> = BTreeMap::new();
     let mut active: Vec<Part> = Vec::new();
     let mut done = 0.0;
     for level in 0..=LEVELS {
-        let last = level == LEVELS || level > 0 && own[1] > effort.most as f64;
+        let last = level == LEVELS || level > 0 && sums[1] > effort.most as f64;
         let mut next: Vec<Part> = Vec::new();
         let mut look = |function: &dyn Integrand, part: Part| -> Result<()> {
             // The parts must fit into memory even where every cell asks for them.
             let last = last || next.len() >= 4 * effort.most;
-            let left = match search.judge(function, &part, last)? {
+            let open = match search.judge(function, &part, last)? {
                 Verdict::Split(parts) => {
                     if level == 0 {
                         cut_up.insert(part.of, Parts::new(&part));
@@ -402,7 +402,7 @@ pub fn refine<'f>(
                 Verdict::Accept => 0.0,
                 Verdict::Leave(open) => open,
             };
-            refined.left += left;
+            refined.left += open;
             done += part.size;
             let jumps = search.open(function, &part).1;
             if level == 0 && !jumps {
@@ -418,9 +418,9 @@ pub fn refine<'f>(
             }
         };
         if level == 0 {
-            for of in 0..pieces.len() {
-                if let Some(function) = of_piece(of) {
-                    attempt(search.measure(function, of, WHOLE).and_then(|part| look(function, part)));
+            for number in 0..pieces.len() {
+                if let Some(function) = of_piece(number) {
+                    attempt(search.measure(function, number, WHOLE).and_then(|part| look(function, part)));
                 }
             }
         } else {
@@ -431,16 +431,16 @@ pub fn refine<'f>(
             }
         }
         active = next;
-        own = [done + active.iter().map(|part| part.size).sum::<f64>(), active.len() as f64];
-        [search.size, own[1]] = comm.all_reduce_sum(own);
-        if own[1] == 0.0 {
+        sums = [done + active.iter().map(|part| part.size).sum::<f64>(), active.len() as f64];
+        [search.size, sums[1]] = comm.all_reduce_sum(sums);
+        if sums[1] == 0.0 {
             break;
         }
     }
     (refined.size, refined.left) = (search.size, comm.all_reduce_sum(refined.left));
     fault?;
-    for (of, parts) in &cut_up {
-        add(&mut refined.integral, &pieces[*of], parts.integral);
+    for (number, parts) in &cut_up {
+        add(&mut refined.integral, &pieces[*number], parts.integral);
     }
     refined.rules = rules(pieces, cut_up);
     Ok(refined)
@@ -457,21 +457,21 @@ pub fn is_calm(
     comm: &impl Communicator,
 ) -> Result<bool> {
     let mut search = Search { pieces, effort, size: 0.0, area: 0.0 };
-    let mut own = [0.0; 2];
-    let measured = (0..pieces.len()).try_for_each(|of| {
-        own[0] += search.measure(function, of, WHOLE)?.size;
-        own[1] += pieces[of].area();
+    let mut sums = [0.0; 2];
+    let measured = (0..pieces.len()).try_for_each(|number| {
+        sums[0] += search.measure(function, number, WHOLE)?.size;
+        sums[1] += pieces[number].area();
         Ok(())
     });
-    [search.size, search.area] = comm.all_reduce_sum(own);
-    let is_calm = |of: usize| {
-        let part = search.measure(function, of, WHOLE)?;
+    [search.size, search.area] = comm.all_reduce_sum(sums);
+    let is_calm = |number: usize| {
+        let part = search.measure(function, number, WHOLE)?;
         let accepted = matches!(search.judge(function, &part, false)?, Verdict::Accept);
         Ok(accepted && !search.open(function, &part).1)
     };
     let mut stirred = measured.and_then(|()| {
-        for of in 0..pieces.len() {
-            if !is_calm(of)? {
+        for number in 0..pieces.len() {
+            if !is_calm(number)? {
                 return Ok(true);
             }
         }
@@ -486,24 +486,25 @@ pub fn is_calm(
 
 /// Adds integrals over a piece of a function times its barycentric coordinates, as integrals of the
 /// function and of the function times x and y.
-fn add(integral: &mut [f64; 3], piece: &Triangle, of: [f64; 3]) {
-    for (vertex, of) in piece.vertices.iter().zip(of) {
-        integral[0] += of;
-        integral[1] += of * vertex.x;
-        integral[2] += of * vertex.y;
+fn add(integral: &mut [f64; 3], piece: &Triangle, parts: [f64; 3]) {
+    for (vertex, part) in piece.vertices.iter().zip(parts) {
+        integral[0] += part;
+        integral[1] += part * vertex.x;
+        integral[2] += part * vertex.y;
     }
 }
 
 /// Returns the rules of the cells in which some piece needs its own.
 fn rules(pieces: &[Triangle], cut_up: BTreeMap<usize, Parts>) -> Rules {
     let mut rules = Rules::new();
-    let own: BTreeMap<usize, Parts> = cut_up.into_iter().filter(|(_, parts)| !parts.is_usual()).collect();
-    let cells: std::collections::BTreeSet<usize> = own.keys().map(|of| pieces[*of].cell).collect();
-    let mut own = own;
+    let unusual: BTreeMap<usize, Parts> = cut_up.into_iter().filter(|(_, parts)| !parts.is_usual()).collect();
+    let cells: std::collections::BTreeSet<usize> =
+        unusual.keys().map(|number| pieces[*number].cell).collect();
+    let mut unusual = unusual;
     for cell in cells {
         let first = pieces.partition_point(|piece| piece.cell < cell);
         let count = pieces[first..].iter().take_while(|piece| piece.cell == cell).count();
-        let of_piece = |of: usize| own.remove(&of).map_or(DEGREE_6.to_vec(), |parts| parts.nodes);
+        let of_piece = |number: usize| unusual.remove(&number).map_or(DEGREE_6.to_vec(), |parts| parts.nodes);
         rules.insert(cell, (first..first + count).map(of_piece).collect());
     }
     rules

@@ -144,14 +144,14 @@ impl<const N: usize> Element<N> {
     pub fn locate(&self, point: Point) -> (usize, [f64; 3]) {
         let point = Point::from(point - self.origin);
         let depth = |b: &[f64; 3]| b.iter().copied().fold(f64::INFINITY, f64::min);
-        let mut found = (0, self.pieces[0].barycentric(point));
+        let mut deepest = (0, self.pieces[0].barycentric(point));
         for (number, piece) in self.pieces.iter().enumerate().skip(1) {
             let barycentric = piece.barycentric(point);
-            if depth(&barycentric) > depth(&found.1) + TIE {
-                found = (number, barycentric);
+            if depth(&barycentric) > depth(&deepest.1) + TIE {
+                deepest = (number, barycentric);
             }
         }
-        found
+        deepest
     }
 
     /// Returns the basis functions and their derivatives at a point of the cell.

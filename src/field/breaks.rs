@@ -47,7 +47,7 @@ impl Field {
     /// however the branches are nested. Where this is not conclusive (two branches coincide over a
     /// time, or there are too many intervals) the branches taken at many instants are compared, and
     /// the breaks found may be incomplete.
-    pub fn breaks(&self, at: Point, from: f64, to: f64, looks: usize) -> Breaks {
+    pub fn breaks(&self, point: Point, from: f64, to: f64, looks: usize) -> Breaks {
         if !self.depends_on(Names::T) || from >= to {
             return Breaks { found: Vec::new(), complete: true };
         }
@@ -58,24 +58,24 @@ impl Field {
         while let Some((low, high)) = search.pending.pop() {
             search.looks += 1;
             if search.looks > looks {
-                return search.judged(self, at, Some((low, to)));
+                return search.judged(self, point, Some((low, to)));
             }
-            search.look(self.span(&mut stack, at, low, high), low, high);
+            search.look(self.span(&mut stack, point, low, high), low, high);
         }
-        search.judged(self, at, None)
+        search.judged(self, point, None)
     }
 
     /// Returns bounds on value and derivative at a point between two instants (s).
     pub(super) fn span(
         &self,
         stack: &mut Stack<Enclosure<1>>,
-        at: Point,
+        point: Point,
         from: f64,
         to: f64,
     ) -> Enclosure<1> {
         code::run(&self.code, stack, |name| match name {
-            Name::X => code::Number::constant(at.x),
-            Name::Y => code::Number::constant(at.y),
+            Name::X => code::Number::constant(point.x),
+            Name::Y => code::Number::constant(point.y),
             Name::T => Enclosure::variable(0, from, to),
         })
     }
@@ -144,27 +144,28 @@ impl Search {
 
     /// Returns the breaks in the suspect intervals and, if the search ended early, those found in
     /// the rest.
-    fn judged(mut self, of: &Field, at: Point, left: Option<(f64, f64)>) -> Breaks {
+    fn judged(mut self, formula: &Field, point: Point, rest: Option<(f64, f64)>) -> Breaks {
         let tells = |(low, high): &(f64, f64)| high - low <= ROUNDED * self.length;
         let (suspects, untold): (Vec<_>, Vec<_>) =
             std::mem::take(&mut self.suspects).into_iter().partition(tells);
-        let complete = left.is_none() && untold.is_empty();
-        let sought = untold.into_iter().chain(left).flat_map(|(low, high)| self.changes(of, at, low, high));
+        let complete = rest.is_none() && untold.is_empty();
+        let sought =
+            untold.into_iter().chain(rest).flat_map(|(low, high)| self.changes(formula, point, low, high));
         let suspects: Vec<(f64, f64)> = suspects.into_iter().chain(sought).collect();
-        let mut found: Vec<Break> =
-            suspects.into_iter().filter_map(|suspect| self.judge(of, at, suspect)).collect();
-        found.sort_by(|a, b| a.time.total_cmp(&b.time));
-        Breaks { found, complete }
+        let mut breaks: Vec<Break> =
+            suspects.into_iter().filter_map(|suspect| self.judge(formula, point, suspect)).collect();
+        breaks.sort_by(|a, b| a.time.total_cmp(&b.time));
+        Breaks { found: breaks, complete }
     }
 
     /// Returns intervals in which the formula changes its branch, or changes faster than in any
     /// smooth part, as far as a comparison of instants shows: at most one per each of [`SAMPLES`]
     /// intervals.
-    fn changes(&self, of: &Field, at: Point, low: f64, high: f64) -> Vec<(f64, f64)> {
+    fn changes(&self, formula: &Field, point: Point, low: f64, high: f64) -> Vec<(f64, f64)> {
         let look = |t: f64| Sample {
             time: t,
-            side: of.side(at, t),
-            value: of.value(at, t).unwrap_or(f64::INFINITY),
+            side: formula.side(point, t),
+            value: formula.value(point, t).unwrap_or(f64::INFINITY),
         };
         let leaps =
             |a: &Sample, b: &Sample| (b.value - a.value).abs() > 2.0 * self.fastest * (b.time - a.time);
@@ -194,10 +195,10 @@ impl Search {
 
     /// Returns the break between two adjacent instants; `None` where value and derivative change by
     /// no more than rounding.
-    fn judge(&self, of: &Field, at: Point, (low, high): (f64, f64)) -> Option<Break> {
+    fn judge(&self, formula: &Field, point: Point, (low, high): (f64, f64)) -> Option<Break> {
         let side = |t: f64| {
-            let value = of.value(at, t).unwrap_or(f64::INFINITY);
-            (value, of.jet(at, t).map_or(f64::INFINITY, |jet| jet.first))
+            let value = formula.value(point, t).unwrap_or(f64::INFINITY);
+            (value, formula.jet(point, t).map_or(f64::INFINITY, |jet| jet.first))
         };
         let way = self.least.max(high - low);
         let (after, rate_after) = side(high + way);
@@ -240,7 +241,7 @@ impl Table {
             Break { time, jump: 0.0, kink: self.jet(time).first - slope }
         };
         let steepest = self.pieces.iter().fold(0.0, |m: f64, piece| m.max(piece[1].abs()));
-        let found = rows.map(kink).filter(|of| of.kink.abs() > ROUNDED * steepest).collect();
-        Breaks { found, complete: true }
+        let kinks = rows.map(kink).filter(|row| row.kink.abs() > ROUNDED * steepest).collect();
+        Breaks { found: kinks, complete: true }
     }
 }

@@ -28,8 +28,8 @@ impl Derivatives {
 
     /// Returns whether the value is less than another, or equal and less just after.
     fn goes_below(self, other: Derivatives) -> bool {
-        let [of, than] = [self, other].map(|jet| [jet.value, jet.first, jet.second]);
-        of.partial_cmp(&than) == Some(std::cmp::Ordering::Less)
+        let [left, right] = [self, other].map(|jet| [jet.value, jet.first, jet.second]);
+        left.partial_cmp(&right) == Some(std::cmp::Ordering::Less)
     }
 
     fn is_still(&self) -> bool {

@@ -85,8 +85,8 @@ pub struct ParseError {
 }
 
 impl ParseError {
-    fn new(text: &str, at: usize, wrong: impl Into<String>) -> ParseError {
-        ParseError { column: text[..at].chars().count() + 1, wrong: wrong.into() }
+    fn new(text: &str, offset: usize, wrong: impl Into<String>) -> ParseError {
+        ParseError { column: text[..offset].chars().count() + 1, wrong: wrong.into() }
     }
 }
 
@@ -175,8 +175,8 @@ impl Field {
 
     /// Returns the value at a point (m) and a time (s). An error is returned where it is not
     /// finite.
-    pub fn value(&self, at: Point, t: f64) -> Result<f64, ParseError> {
-        self.finite(at, t, code::run(&self.code, &mut Stack::new(), variable(at, t)))
+    pub fn value(&self, point: Point, t: f64) -> Result<f64, ParseError> {
+        self.finite(point, t, code::run(&self.code, &mut Stack::new(), variable(point, t)))
     }
 
     /// Computes the values at a time (s), one entry per point (m). Parts that do not depend on the
@@ -198,8 +198,8 @@ impl Field {
                 Name::Y => y,
                 Name::T => Lanes::constant(t),
             });
-            for ((&at, value), lane) in points.iter().zip(values).zip(lanes) {
-                *value = self.finite(at, t, lane)?;
+            for ((&point, value), lane) in points.iter().zip(values).zip(lanes) {
+                *value = self.finite(point, t, lane)?;
             }
         }
         Ok(())
@@ -217,8 +217,8 @@ impl Field {
 
     /// Returns a number that is equal for two points (m) at a time (s) where the formula takes the
     /// same branch at every condition, jump and kink.
-    pub fn side(&self, at: Point, t: f64) -> u64 {
-        code::run(&self.code, &mut Stack::new(), |name| Sided::constant(variable(at, t)(name))).side()
+    pub fn side(&self, point: Point, t: f64) -> u64 {
+        code::run(&self.code, &mut Stack::new(), |name| Sided::constant(variable(point, t)(name))).side()
     }
 
     /// Returns the degree in x and y, if the formula is a polynomial in these; its coefficients may
@@ -228,9 +228,9 @@ impl Field {
         let mut before = None;
         for &instruction in &self.code {
             let operands = stack.split_off(stack.len() - instruction.arity());
-            let known: Option<Vec<u32>> = operands.iter().copied().collect();
-            let is_free = known.as_ref().is_some_and(|degrees| degrees.iter().all(|degree| *degree == 0));
-            stack.push(match (instruction, known.as_deref()) {
+            let degrees: Option<Vec<u32>> = operands.iter().copied().collect();
+            let is_free = degrees.as_ref().is_some_and(|degrees| degrees.iter().all(|degree| *degree == 0));
+            stack.push(match (instruction, degrees.as_deref()) {
                 (Instruction::Variable(Name::X | Name::Y), _) => Some(1),
                 (_, Some(_)) if is_free => Some(0),
                 (Instruction::Unary(Unary::Negate), Some(&[a])) => Some(a),
@@ -256,25 +256,25 @@ impl Field {
     /// At a kink of `abs`, `min` or `max` the derivatives are those just after it. At any other
     /// kink and at a jump they are those of the side that the value belongs to: those of `step(t)`
     /// are 0 everywhere.
-    pub fn jet(&self, at: Point, t: f64) -> Result<Derivatives, ParseError> {
-        self.jet_with(&mut Stack::new(), at, t)
+    pub fn jet(&self, point: Point, t: f64) -> Result<Derivatives, ParseError> {
+        self.jet_with(&mut Stack::new(), point, t)
     }
 
     /// Returns the value and its derivatives along x and y at a point (m) and a time (s).
     ///
     /// At a jump or a kink the derivatives are those of the side that the value belongs to.
-    pub fn gradient(&self, at: Point, t: f64) -> Result<[f64; 3], ParseError> {
-        let value = self.value(at, t)?;
+    pub fn gradient(&self, point: Point, t: f64) -> Result<[f64; 3], ParseError> {
+        let value = self.value(point, t)?;
         let mut stack = Stack::new();
         let mut along = |axis: Name| {
-            let jet = code::run(&self.code, &mut stack, |name| match variable(at, t)(name) {
+            let jet = code::run(&self.code, &mut stack, |name| match variable(point, t)(name) {
                 value if name == axis => Derivatives::moving(value),
                 value => Derivatives::constant(value),
             });
             if jet.first.is_finite() {
                 return Ok(jet.first);
             }
-            let wrong = format!("no slope along {}{}", axis.word(), self.describe(at, t));
+            let wrong = format!("no slope along {}{}", axis.word(), self.describe(point, t));
             Err(ParseError::new(&self.text, 0, format!("{wrong}; expected a smooth formula")))
         };
         Ok([value, along(Name::X)?, along(Name::Y)?])
@@ -283,22 +283,27 @@ impl Field {
     /// Computes the values and their time derivatives at a time (s), one entry per point (m).
     pub fn jets(&self, points: &[Point], t: f64, jets: &mut [Derivatives]) -> Result<(), ParseError> {
         let mut stack = Stack::new();
-        for (&at, jet) in points.iter().zip(jets) {
-            *jet = self.jet_with(&mut stack, at, t)?;
+        for (&point, jet) in points.iter().zip(jets) {
+            *jet = self.jet_with(&mut stack, point, t)?;
         }
         Ok(())
     }
 
-    fn jet_with(&self, stack: &mut Stack<Derivatives>, at: Point, t: f64) -> Result<Derivatives, ParseError> {
+    fn jet_with(
+        &self,
+        stack: &mut Stack<Derivatives>,
+        point: Point,
+        t: f64,
+    ) -> Result<Derivatives, ParseError> {
         let jet = code::run(&self.code, stack, |name| match name {
             Name::T => Derivatives::moving(t),
-            place => Derivatives::constant(variable(at, t)(place)),
+            place => Derivatives::constant(variable(point, t)(place)),
         });
-        self.finite(at, t, jet.value)?;
+        self.finite(point, t, jet.value)?;
         if jet.first.is_finite() {
             return Ok(jet);
         }
-        let wrong = format!("no velocity{}; expected a smooth formula", self.describe(at, t));
+        let wrong = format!("no velocity{}; expected a smooth formula", self.describe(point, t));
         Err(ParseError::new(&self.text, 0, wrong))
     }
 
@@ -321,30 +326,30 @@ impl Field {
         print::print(&self.code)
     }
 
-    fn finite(&self, at: Point, t: f64, value: f64) -> Result<f64, ParseError> {
+    fn finite(&self, point: Point, t: f64, value: f64) -> Result<f64, ParseError> {
         if value.is_finite() {
             return Ok(value);
         }
         let (index, value) =
-            code::culprit(&self.code, variable(at, t)).unwrap_or((self.code.len() - 1, value));
+            code::culprit(&self.code, variable(point, t)).unwrap_or((self.code.len() - 1, value));
         let span = &self.spans[index];
         let part = cut(&self.text[span.clone()]);
-        let wrong = format!("{part} is {value}{}; expected a finite number", self.describe(at, t));
+        let wrong = format!("{part} is {value}{}; expected a finite number", self.describe(point, t));
         Err(ParseError::new(&self.text, span.start, wrong))
     }
 
     /// Returns the text ` at x = 0.5, t = 2.0` with the variables that the formula depends on.
-    fn describe(&self, at: Point, t: f64) -> String {
-        let name = |name: Name| format!("{} = {:?}", name.word(), variable(at, t)(name));
+    fn describe(&self, point: Point, t: f64) -> String {
+        let name = |name: Name| format!("{} = {:?}", name.word(), variable(point, t)(name));
         let names: Vec<String> = self.names.iter().map(name).collect();
         format!(" at {}", names.join(", "))
     }
 }
 
-fn variable(at: Point, t: f64) -> impl Fn(Name) -> f64 + Copy {
+fn variable(point: Point, t: f64) -> impl Fn(Name) -> f64 + Copy {
     move |name| match name {
-        Name::X => at.x,
-        Name::Y => at.y,
+        Name::X => point.x,
+        Name::Y => point.y,
         Name::T => t,
     }
 }
@@ -392,8 +397,8 @@ impl Condition {
 
     /// Returns whether the condition holds at a point (m) and a time (s). An error is returned
     /// where an operand has no value.
-    pub fn holds(&self, at: Point, t: f64) -> Result<bool, ParseError> {
-        Ok(self.0.value(at, t)? != 0.0)
+    pub fn holds(&self, point: Point, t: f64) -> Result<bool, ParseError> {
+        Ok(self.0.value(point, t)? != 0.0)
     }
 }
 

@@ -189,8 +189,8 @@ pub(super) fn parse(
 }
 
 impl<'a> Parser<'a> {
-    fn fault<T>(&self, at: usize, wrong: impl Into<String>) -> Result<T, ParseError> {
-        Err(ParseError::new(self.text, at, wrong))
+    fn fault<T>(&self, offset: usize, wrong: impl Into<String>) -> Result<T, ParseError> {
+        Err(ParseError::new(self.text, offset, wrong))
     }
 
     /// Reads the next token.
@@ -231,11 +231,11 @@ impl<'a> Parser<'a> {
     fn symbol(&self, start: usize, rest: &str) -> Result<&'static str, ParseError> {
         let symbols = INFIX.iter().map(|(symbol, ..)| *symbol).chain(["(", ")", ","]);
         let longest = |symbol: &&str| symbol.len();
-        let known = symbols.filter(|symbol| rest.starts_with(symbol)).max_by_key(longest);
+        let symbol = symbols.filter(|symbol| rest.starts_with(symbol)).max_by_key(longest);
         let foreign = FOREIGN.iter().filter(|(symbol, _)| rest.starts_with(symbol)).max_by_key(|f| f.0.len());
-        match (known, foreign) {
-            (Some(known), Some((foreign, _))) if known.len() >= foreign.len() => Ok(known),
-            (Some(known), None) => Ok(known),
+        match (symbol, foreign) {
+            (Some(symbol), Some((foreign, _))) if symbol.len() >= foreign.len() => Ok(symbol),
+            (Some(symbol), None) => Ok(symbol),
             (_, Some((symbol, meant))) => self.fault(start, format!("found {symbol}; write {meant}")),
             (None, None) => {
                 let wrong = rest.chars().next().unwrap_or_default();
@@ -253,10 +253,10 @@ impl<'a> Parser<'a> {
         }
         let mut left = self.primary()?;
         while let Some((symbol, op, binding)) = self.infix().filter(|(.., (left, _))| *left >= least) {
-            let at = self.span.start;
+            let offset = self.span.start;
             self.advance()?;
             let right = self.expression(binding.1)?;
-            left = self.combine(left, symbol, op, at, right)?;
+            left = self.combine(left, symbol, op, offset, right)?;
         }
         self.depth -= 1;
         Ok(left)
@@ -272,14 +272,14 @@ impl<'a> Parser<'a> {
         left: Part,
         symbol: &str,
         op: Binary,
-        at: usize,
+        offset: usize,
         right: Part,
     ) -> Result<Part, ParseError> {
         let instruction = Instruction::Binary(op);
         let kind = if instruction.is_condition() { Kind::Condition } else { Kind::Number };
         let operand = if matches!(op, Binary::And | Binary::Or) { Kind::Condition } else { Kind::Number };
         if kind != operand && left.kind == Kind::Condition {
-            return self.fault(at, format!("{symbol} after a comparison; write a < b and b < c"));
+            return self.fault(offset, format!("{symbol} after a comparison; write a < b and b < c"));
         }
         self.check(left, operand)?;
         self.check(right, operand)?;
@@ -320,8 +320,8 @@ impl<'a> Parser<'a> {
                 Ok(Part { start, ..part })
             }
             Token::End => self.fault(start, "the formula ends; expected a number, a name or ("),
-            Token::Word(found) | Token::Symbol(found) => {
-                self.fault(start, format!("found {found}; expected a number, a name or ("))
+            Token::Word(word) | Token::Symbol(word) => {
+                self.fault(start, format!("found {word}; expected a number, a name or ("))
             }
         }
     }
@@ -340,8 +340,8 @@ impl<'a> Parser<'a> {
             return self.fault(start, format!("{word} is a function; expected ( after it"));
         }
         let expected = self.values();
-        let (known, last) = expected.split_at(expected.len() - 1);
-        let expected = format!("expected {} or {}", known.join(", "), last[0]);
+        let (others, last) = expected.split_at(expected.len() - 1);
+        let expected = format!("expected {} or {}", others.join(", "), last[0]);
         if Name::ALL.iter().any(|name| name.word() == word) {
             return self.fault(start, format!("{word} is not known here; {expected}"));
         }
@@ -428,21 +428,21 @@ impl<'a> Parser<'a> {
 
     /// Returns the error for a token after a complete part.
     fn expect_operator(&self, expected: &str) -> Result<(), ParseError> {
-        let found = cut(&self.text[self.span.clone()]);
+        let token = cut(&self.text[self.span.clone()]);
         let hint = match self.token {
             Token::Symbol(",") => "; a decimal point is written .",
             Token::Symbol(_) if self.infix().is_some() => "",
             _ => "; a product is written with *",
         };
-        self.fault(self.span.start, format!("found {found}; expected {expected}{hint}"))
+        self.fault(self.span.start, format!("found {token}; expected {expected}{hint}"))
     }
 
     fn check(&self, part: Part, kind: Kind) -> Result<(), ParseError> {
         if part.kind == kind {
             return Ok(());
         }
-        let found = part.kind.words();
-        self.fault(part.start, format!("found {found}; expected {}, {}", kind.words(), kind.example()))
+        let words = part.kind.words();
+        self.fault(part.start, format!("found {words}; expected {}, {}", kind.words(), kind.example()))
     }
 
     fn hint(&self, word: &str) -> String {

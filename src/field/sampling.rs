@@ -70,9 +70,9 @@ impl Bounded for Table {
             let turn = if d == 0.0 { low } else { (-c / (3.0 * d)).clamp(low, high) };
             let slope = |s: f64| b + s * (2.0 * c + s * 3.0 * d);
             rate = rate.hull(Interval::of([low, high, turn].map(slope)));
-            let at = |s: f64| a + s * (b + s * (c + s * d));
+            let cubic = |s: f64| a + s * (b + s * (c + s * d));
             let way = 0.5 * (high - low) * rate.magnitude();
-            let centre = at(0.5 * (low + high));
+            let centre = cubic(0.5 * (low + high));
             value = value.hull(Interval::of([centre - way, centre + way]));
         }
         Enclosure::smooth(middle, value, [rate.times(Interval::point(0.5 * (to - from)))])
@@ -81,8 +81,8 @@ impl Bounded for Table {
 
 impl Field {
     /// Returns bounds on the values at a point (m) between two instants (s).
-    pub fn range(&self, at: Point, from: f64, to: f64) -> Interval {
-        At(self, at).span(from, to).value
+    pub fn range(&self, point: Point, from: f64, to: f64) -> Interval {
+        At(self, point).span(from, to).value
     }
 }
 
@@ -112,9 +112,9 @@ impl Bounded for Less<'_> {
 impl Field {
     /// Returns where steps from 0 on resolve the values, less a number, worst at a point (m);
     /// `None` where they resolve nearly all.
-    pub fn missed(&self, at: Point, less: f64, step: f64, steps: u64) -> Option<Missed> {
+    pub fn missed(&self, point: Point, less: f64, step: f64, steps: u64) -> Option<Missed> {
         let depends = self.depends_on(Names::T);
-        depends.then(|| missed(&Less { of: &At(self, at), less }, step, steps)).flatten()
+        depends.then(|| missed(&Less { of: &At(self, point), less }, step, steps)).flatten()
     }
 }
 
@@ -131,7 +131,7 @@ impl Table {
 /// The error of the trapezoidal rule over a step dt is at most dt^2 / 8 times the range of the
 /// derivative. The work is bounded for any number of steps: of a function with too many blocks to
 /// bound, blocks spread over the whole time are integrated.
-fn missed(of: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
+fn missed(function: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
     let blocks = steps.div_ceil(BLOCK);
     let instant = |block: u64| (block * BLOCK).min(steps) as f64 * step;
     let mut pending = VecDeque::from([(0, blocks)]);
@@ -142,7 +142,7 @@ fn missed(of: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
             doubtful.push(first + (end - first) / 2);
             continue;
         }
-        let span = of.span(instant(first), instant(end));
+        let span = function.span(instant(first), instant(end));
         if span.middle.is_finite() {
             largest = largest.max(span.middle.abs());
         }
@@ -164,12 +164,12 @@ fn missed(of: &dyn Bounded, step: f64, steps: u64) -> Option<Missed> {
     }
     doubtful.sort_unstable();
     let every = doubtful.len().div_ceil(MOST_BLOCKS).max(1);
-    let mut sums = Sums { of, step, steps, known: Vec::new() };
+    let mut sums = Sums { of: function, step, steps, known: Vec::new() };
     let mut worst: Option<Missed> = None;
     let mut most = 0.0_f64;
     let judged: Vec<_> = doubtful.iter().step_by(every).map(|&block| (block, sums.judged(block))).collect();
-    for (_, of) in &judged {
-        most = most.max(of.impulse);
+    for (_, judged) in &judged {
+        most = most.max(judged.impulse);
     }
     for (_, Judged { share, missed, time, .. }) in judged {
         let is_worst = worst.is_none_or(|worst| share > worst.share);
@@ -228,15 +228,15 @@ impl Sums<'_> {
 
     fn sum(&mut self, block: Option<u64>) -> Sum {
         let Some(block) = block.filter(|block| block * BLOCK < self.steps) else { return Sum::default() };
-        if let Some((_, sum)) = self.known.iter().find(|(known, _)| *known == block) {
+        if let Some((_, sum)) = self.known.iter().find(|(number, _)| *number == block) {
             return *sum;
         }
         let mut sum = Sum::default();
         for n in block * BLOCK..((block + 1) * BLOCK).min(self.steps) {
             let [from, to] = [n, n + 1].map(|n| n as f64 * self.step);
-            let [all, magnitude] = integral(self.of, from, to);
+            let [integral, magnitude] = integral(self.of, from, to);
             let seen = 0.5 * self.step * (self.of.value(from) + self.of.value(to));
-            let missed = (all - seen).abs();
+            let missed = (integral - seen).abs();
             sum.impulse += magnitude;
             sum.missed += missed;
             if missed > sum.most {
@@ -253,12 +253,12 @@ impl Sums<'_> {
 
 /// Returns the integrals of a function and of its magnitude, by halving where its derivative
 /// changes.
-fn integral(of: &dyn Bounded, from: f64, to: f64) -> [f64; 2] {
+fn integral(function: &dyn Bounded, from: f64, to: f64) -> [f64; 2] {
     let mut pending = VecDeque::from([(from, to, 0)]);
     let [mut sum, mut magnitude] = [0.0, 0.0];
     let mut parts = 0;
     while let Some((low, high, halvings)) = pending.pop_front() {
-        let span = of.span(low, high);
+        let span = function.span(low, high);
         let length = high - low;
         parts += 1;
         let error = if span.breaks() { f64::INFINITY } else { 0.25 * span.slope[0].width() };

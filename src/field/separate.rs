@@ -75,8 +75,9 @@ impl Product {
 
 /// Returns whether code leaves one value and takes none from before it.
 fn is_one_value(code: &[Instruction]) -> bool {
-    let left = code.iter().try_fold(0_usize, |depth, of| Some(depth.checked_sub(of.arity())? + 1));
-    left == Some(1)
+    let depth =
+        code.iter().try_fold(0_usize, |depth, instruction| Some(depth.checked_sub(instruction.arity())? + 1));
+    depth == Some(1)
 }
 
 /// Returns the code of `left op right`, without products by one.
@@ -190,8 +191,8 @@ fn wave(op: Unary, argument: Vec<Product>) -> Option<Vec<Product>> {
         [b, a] if a.place == [ONE] && b.time == [ONE] => (&a.time, &b.place),
         _ => return None,
     };
-    let of = |code: &Code, op| [&code[..], &[Instruction::Unary(op)]].concat();
-    let product = |in_time, in_place| Product { time: of(time, in_time), place: of(place, in_place) };
+    let unary = |code: &Code, op| [&code[..], &[Instruction::Unary(op)]].concat();
+    let product = |in_time, in_place| Product { time: unary(time, in_time), place: unary(place, in_place) };
     Some(match op {
         Unary::Sin => vec![product(Unary::Sin, Unary::Cos), product(Unary::Cos, Unary::Sin)],
         _ => {

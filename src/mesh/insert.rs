@@ -85,7 +85,7 @@ impl Mark {
     /// Returns the point from which the mark's nearness is measured.
     fn place(&self) -> Point {
         match self {
-            Mark::At(at) => *at,
+            Mark::At(point) => *point,
             Mark::Line([from, _]) => *from,
         }
     }
@@ -109,7 +109,7 @@ impl Grid {
             let is_node = |p: &Point| on(0, p.x, near) && on(1, p.y, near);
             let is_outside = |p: &Point| (0..2).any(|axis| p[axis] < -near || p[axis] > end[axis] + near);
             match mark {
-                Mark::At(at) => is_node(at),
+                Mark::At(point) => is_node(point),
                 Mark::Line([from, to]) => {
                     let lies =
                         |axis: usize| (to[axis] - from[axis]).abs() <= near && on(axis, from[axis], near);
@@ -136,7 +136,7 @@ impl Mesh {
         for (key, mark) in marks {
             let near = nearness(&work.mesh.nodes, mark.place());
             match mark {
-                Mark::At(at) => work.place(key, *at, near)?,
+                Mark::At(point) => work.place(key, *point, near)?,
                 Mark::Line(ends) => {
                     for end in ends {
                         // An end too near to an edge gets no node.
@@ -158,9 +158,9 @@ impl Mesh {
     /// Returns whether nodes exist wherever a mark requires them.
     fn has(&self, mark: &Mark) -> bool {
         let near = nearness(&self.nodes, mark.place());
-        let has_node = |at: &Point| self.nodes.iter().any(|node| (node - at).norm() <= near);
+        let has_node = |point: &Point| self.nodes.iter().any(|node| (node - point).norm() <= near);
         match mark {
-            Mark::At(at) => has_node(at),
+            Mark::At(point) => has_node(point),
             Mark::Line(ends) => {
                 ends.iter().all(|end| has_node(end) || self.locate(*end).is_none())
                     && self.crossed(&Segment::new(*ends), near).is_empty()
@@ -171,7 +171,7 @@ impl Mesh {
     /// Returns the sides of cells that a segment crosses away from nodes, ordered along it, each
     /// once, with a cell to its left.
     fn crossed(&self, segment: &Segment, near: f64) -> Vec<([usize; 2], usize)> {
-        let mut found = Vec::new();
+        let mut crossings = Vec::new();
         let mut seen = HashSet::new();
         for (number, cell) in self.cells.iter().enumerate() {
             for [a, b] in cell.edges() {
@@ -182,12 +182,12 @@ impl Mesh {
                 let along = from + (to - from) * (left / (left - right));
                 let inside = along >= -near && along <= segment.length + near;
                 if inside && seen.insert([a.min(b), a.max(b)]) {
-                    found.push((along, [a, b], number));
+                    crossings.push((along, [a, b], number));
                 }
             }
         }
-        found.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        found.into_iter().map(|(_, side, cell)| (side, cell)).collect()
+        crossings.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        crossings.into_iter().map(|(_, side, cell)| (side, cell)).collect()
     }
 }
 
@@ -235,7 +235,7 @@ impl Work {
         for (_, mark) in marks {
             let near = nearness(&mesh.nodes, mark.place());
             let ends = match mark {
-                Mark::At(at) => [*at, *at],
+                Mark::At(point) => [*point, *point],
                 Mark::Line(ends) => *ends,
             };
             let segment = Segment::new(ends);
@@ -254,54 +254,54 @@ impl Work {
     }
 
     /// Makes a node at a point, unless there is one.
-    fn place(&mut self, key: &str, at: Point, near: f64) -> Result<()> {
-        let cell = match self.mesh.locate(at) {
+    fn place(&mut self, key: &str, point: Point, near: f64) -> Result<()> {
+        let cell = match self.mesh.locate(point) {
             Some(cell) => cell,
-            None => self.on_boundary(key, at, near)?,
+            None => self.on_boundary(key, point, near)?,
         };
-        if self.settle(at, cell, near) {
+        if self.settle(point, cell, near) {
             return Ok(());
         }
-        let node = self.nearest(at);
+        let node = self.nearest(point);
         Err(Error::Mesh(format!(
             "{key}: a node at {} would make cells of angles near 0 or 180 degrees; expected a point farther from the \
              plate's edge and from other nodes that must stay, or on one, such as {}",
-            geometry::place(at),
+            geometry::place(point),
             geometry::place(node)
         )))
     }
 
     /// Makes a node at a point of a cell, unless there is one. Returns whether there is one now.
-    fn settle(&mut self, at: Point, cell: usize, near: f64) -> bool {
-        if let Some(node) = self.mesh.nodes.iter().position(|node| (node - at).norm() <= near) {
+    fn settle(&mut self, point: Point, cell: usize, near: f64) -> bool {
+        if let Some(node) = self.mesh.nodes.iter().position(|node| (node - point).norm() <= near) {
             self.fixed.insert(node);
             return true;
         }
-        let plan = self.best(at, cell, near);
+        let plan = self.best(point, cell, near);
         let is_possible = plan.is_some();
         plan.into_iter().for_each(|plan| self.apply(plan));
         is_possible
     }
 
-    fn nearest(&self, at: Point) -> Point {
-        let distance = |p: &&Point| (*p - at).norm();
-        self.mesh.nodes.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).copied().unwrap_or(at)
+    fn nearest(&self, point: Point) -> Point {
+        let distance = |p: &&Point| (*p - point).norm();
+        self.mesh.nodes.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).copied().unwrap_or(point)
     }
 
     /// Returns the cell next to a point that lies outside by no more than `near`.
-    fn on_boundary(&self, key: &str, at: Point, near: f64) -> Result<usize> {
+    fn on_boundary(&self, key: &str, point: Point, near: f64) -> Result<usize> {
         for (number, cell) in self.mesh.cells.iter().enumerate() {
             for side in cell.edges().filter(|[a, b]| !self.owners.contains_key(&[*b, *a])) {
                 let segment = self.segment(side);
-                if segment.distance(at) <= near {
+                if segment.distance(point) <= near {
                     return Ok(number);
                 }
             }
         }
-        let node = self.nearest(at);
+        let node = self.nearest(point);
         Err(Error::Mesh(format!(
             "{key}: the point {} lies outside the plate; the nearest node is at {}",
-            geometry::place(at),
+            geometry::place(point),
             geometry::place(node)
         )))
     }
@@ -328,8 +328,8 @@ impl Work {
                 if left * right >= 0.0 || left.abs() <= near || right.abs() <= near {
                     continue;
                 }
-                let at = from + (to - from) * (left / (left - right));
-                match self.best(at, cell, near) {
+                let point = from + (to - from) * (left / (left - right));
+                match self.best(point, cell, near) {
                     Some(plan) => self.apply(plan),
                     None => {
                         left_whole.insert(ascending([a, b]));
@@ -351,9 +351,9 @@ impl Work {
 
     /// Returns whether a side must keep its shape: on the boundary, named, or between groups.
     fn is_hard(&self, side: [usize; 2]) -> bool {
-        let own = self.owners.get(&side).map(|&cell| &self.groups[cell]);
+        let group = self.owners.get(&side).map(|&cell| &self.groups[cell]);
         let other = self.beyond(side).map(|cell| &self.groups[cell]);
-        own.is_none() || other.is_none() || own != other || self.named.contains(&ascending(side))
+        group.is_none() || other.is_none() || group != other || self.named.contains(&ascending(side))
     }
 
     /// Returns the cells around a node that may move, starting from one of them.
@@ -381,28 +381,28 @@ impl Work {
 
     /// Returns the best change that makes a node at a point of a cell, or `None` if each would make
     /// cells too flat.
-    fn best(&self, at: Point, cell: usize, near: f64) -> Option<Plan> {
+    fn best(&self, point: Point, cell: usize, near: f64) -> Option<Plan> {
         let sides: Vec<[usize; 2]> = self.mesh.cells[cell].edges().collect();
-        let distance = |side: &[usize; 2]| self.segment(*side).distance(at);
+        let distance = |side: &[usize; 2]| self.segment(*side).distance(point);
         let nearest = sides.iter().copied().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
         let on = (distance(&nearest) <= near).then_some(nearest);
         let on_hard = on.filter(|side| self.is_hard(*side));
-        let at = match on_hard {
+        let point = match on_hard {
             // Projection keeps the point on the boundary despite rounding.
             Some(side) => {
                 let segment = self.segment(side);
-                let [along, _] = segment.measure(at);
+                let [along, _] = segment.measure(point);
                 segment.from + segment.along * along
             }
-            None => at,
+            None => point,
         };
         let mut plans: Vec<Plan> = Vec::new();
         let mut cells = vec![cell];
         if on_hard.is_none() {
             cells.extend(on.and_then(|side| self.beyond(side)));
-            for &of in &cells {
-                let nodes = self.mesh.cells[of].nodes();
-                plans.extend(nodes.iter().filter_map(|&node| self.moving(node, at, of)));
+            for &neighbour in &cells {
+                let nodes = self.mesh.cells[neighbour].nodes();
+                plans.extend(nodes.iter().filter_map(|&node| self.moving(node, point, neighbour)));
             }
         }
         let soft = |side: &[usize; 2]| !self.is_hard(*side);
@@ -415,7 +415,7 @@ impl Work {
         }
         let foot = |side: &[usize; 2]| {
             let segment = self.segment(*side);
-            let [along, across] = segment.measure(at);
+            let [along, across] = segment.measure(point);
             let inside = along > 0.0 && along < segment.length && across < BESIDE * segment.length;
             (inside && Some(*side) != on && self.is_hard(*side))
                 .then(|| (*side, segment.from + segment.along * along))
@@ -429,7 +429,7 @@ impl Work {
         for cavity in &mut cavities {
             let mut seen = HashSet::new();
             cavity.retain(|cell| seen.insert(*cell));
-            plans.extend(choices.iter().filter_map(|feet| self.cut(cavity, at, on_hard, feet)));
+            plans.extend(choices.iter().filter_map(|feet| self.cut(cavity, point, on_hard, feet)));
         }
         let mut best: Option<Plan> = None;
         for plan in plans {
@@ -441,21 +441,21 @@ impl Work {
     }
 
     /// Plans the move of a node of a cell to a point.
-    fn moving(&self, node: usize, at: Point, cell: usize) -> Option<Plan> {
+    fn moving(&self, node: usize, point: Point, cell: usize) -> Option<Plan> {
         let around = self.around(node, cell)?;
         let sides = around.iter().flat_map(|&cell| self.mesh.cells[cell].edges());
         let touching = sides.filter(|side| side.contains(&node)).map(|side| self.segment(side).length);
         let shortest = touching.fold(f64::INFINITY, f64::min);
-        if (self.mesh.nodes[node] - at).norm() > FARTHEST_MOVE * shortest {
+        if (self.mesh.nodes[node] - point).norm() > FARTHEST_MOVE * shortest {
             return None;
         }
-        let place = |n: &usize| if *n == node { at } else { self.mesh.nodes[*n] };
+        let place = |n: &usize| if *n == node { point } else { self.mesh.nodes[*n] };
         let qualities = around
             .iter()
             .map(|&cell| cell_quality(&self.mesh.cells[cell].nodes().iter().map(place).collect::<Vec<_>>()));
         Some(Plan {
             nodes: Vec::new(),
-            moved: Some((node, at)),
+            moved: Some((node, point)),
             removed: Vec::new(),
             added: Vec::new(),
             cuts: Vec::new(),
@@ -468,13 +468,13 @@ impl Work {
     fn cut(
         &self,
         cavity: &[usize],
-        at: Point,
+        point: Point,
         on: Option<[usize; 2]>,
         feet: &[([usize; 2], Point)],
     ) -> Option<Plan> {
         let count = self.mesh.nodes.len();
         let mut plan = Plan {
-            nodes: vec![at],
+            nodes: vec![point],
             moved: None,
             removed: cavity.to_vec(),
             added: Vec::new(),
@@ -490,7 +490,7 @@ impl Work {
                 }
                 let [a, b] = side;
                 outer.extend([a, b]);
-                let foot = feet.iter().find(|(of, _)| *of == side);
+                let foot = feet.iter().find(|(edge, _)| *edge == side);
                 let node = match foot {
                     Some((_, foot)) => {
                         plan.nodes.push(*foot);
@@ -529,16 +529,16 @@ impl Work {
 
     fn apply(&mut self, plan: Plan) {
         let first = self.mesh.nodes.len();
-        if let Some((node, at)) = plan.moved {
+        if let Some((node, point)) = plan.moved {
             let moved_from = Some(self.mesh.nodes[node]);
-            self.mesh.nodes[node] = at;
+            self.mesh.nodes[node] = point;
             self.fixed.insert(node);
-            self.made.push(Made { at, moved_from });
+            self.made.push(Made { at: point, moved_from });
         }
-        for at in plan.nodes {
+        for point in plan.nodes {
             self.fixed.insert(self.mesh.nodes.len());
-            self.mesh.nodes.push(at);
-            self.made.push(Made { at, moved_from: None });
+            self.mesh.nodes.push(point);
+            self.made.push(Made { at: point, moved_from: None });
         }
         debug_assert!(plan.cuts.iter().all(|(_, node)| *node >= first));
         for &cell in &plan.removed {

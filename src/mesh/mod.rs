@@ -136,8 +136,8 @@ impl Mesh {
     /// has.
     pub fn edge_nodes(&self, name: &str) -> Result<Vec<usize>> {
         let edges = self.edges.get(name).ok_or_else(|| {
-            let known: Vec<&str> = self.edges.keys().map(String::as_str).collect();
-            Error::Mesh(format!("the mesh has no edge named \"{name}\"; it has: {}", known.join(", ")))
+            let names: Vec<&str> = self.edges.keys().map(String::as_str).collect();
+            Error::Mesh(format!("the mesh has no edge named \"{name}\"; it has: {}", names.join(", ")))
         })?;
         let mut nodes = edges.concat();
         nodes.sort_unstable();

@@ -52,17 +52,17 @@ impl Mesh {
             cell.nodes().iter().for_each(|&node| used[node] = true);
             for [a, b] in cell.edges() {
                 if let Some(other) = owners.insert([a, b], number) {
-                    let at = list(&[self.nodes[a], self.nodes[b]]);
+                    let places = list(&[self.nodes[a], self.nodes[b]]);
                     return Err(Error::Mesh(format!(
                         "cells {other} and {number} overlap: both lie on the same side of their common edge, nodes {a} \
-                         and {b} at {at}"
+                         and {b} at {places}"
                     )));
                 }
             }
         }
         if let Some(node) = used.iter().position(|used| !used) {
-            let at = list(&[self.nodes[node]]);
-            return Err(Error::Mesh(format!("no cell uses node {node} at {at}")));
+            let place = list(&[self.nodes[node]]);
+            return Err(Error::Mesh(format!("no cell uses node {node} at {place}")));
         }
         self.check_joints(&owners)?;
         for (name, edges) in &self.edges {
@@ -119,8 +119,8 @@ impl Mesh {
             let high = start[axis].max(end[axis]) + slack;
             let near = nodes[low..].iter().copied().take_while(|&node| self.nodes[node][axis] <= high);
             let owner = owners[&[a, b]];
-            let own = |node: &usize| self.cells[owner].nodes().contains(node);
-            for node in near.filter(|node| !own(node)) {
+            let is_own = |node: &usize| self.cells[owner].nodes().contains(node);
+            for node in near.filter(|node| !is_own(node)) {
                 let gap = slack.min(GAP * shortest[node]);
                 let Some(touch) = self.touch(owner, [a, b], node, gap) else { continue };
                 if let Touch::Node(twin, distance) = touch {
@@ -131,7 +131,7 @@ impl Mesh {
             }
         }
         first.map_or(Ok(()), |(node, [a, b], owner, touch)| {
-            let (at, ends) = (list(&[self.nodes[node]]), list(&[self.nodes[a], self.nodes[b]]));
+            let (place, ends) = (list(&[self.nodes[node]]), list(&[self.nodes[a], self.nodes[b]]));
             Err(Error::Mesh(match touch {
                 Touch::Node(twin, distance) => {
                     let [first, second] = [node.min(twin), node.max(twin)];
@@ -140,17 +140,17 @@ impl Mesh {
                         count => format!(", and so are {} more pairs, up to {farthest:.1e} m apart", count - 1),
                     };
                     if distance <= JOINT * shortest[node] {
-                        format!("nodes {first} and {second} are both at {at}{more}: merge them, for example with mesh.merge = {}", merge(farthest))
+                        format!("nodes {first} and {second} are both at {place}{more}: merge them, for example with mesh.merge = {}", merge(farthest))
                     } else {
                         format!(
-                            "nodes {first} and {second} at {at} are {distance:.1e} m apart, too near for a gap{more}: merge \
+                            "nodes {first} and {second} at {place} are {distance:.1e} m apart, too near for a gap{more}: merge \
                              them, for example with mesh.merge = {}",
                             merge(farthest)
                         )
                     }
                 }
                 Touch::Side(distance) => format!(
-                    "node {node} at {at} hangs: it lies {distance:.1e} m from the edge {ends} of cell {owner} but is not one \
+                    "node {node} at {place} hangs: it lies {distance:.1e} m from the edge {ends} of cell {owner} but is not one \
                      of its nodes"
                 ),
             }))

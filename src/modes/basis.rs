@@ -177,14 +177,14 @@ fn search<E: Engine>(
     range: ModeRange,
     mut start: Mat<f64>,
 ) -> Result<ModalBasis> {
-    let mut known = RitzModes::none(inverse.engine);
+    let mut modes = RitzModes::none(inverse.engine);
     for number in 1..=MAX_SEARCHES {
-        let (vectors, all) = ritz_vectors(inverse, &known, start, range)?;
-        known = refined(inverse, vectors, range)?;
-        let count = range.wanted(&known.squares).min(known.squares.len());
-        match known.missing(inverse, count, all)? {
+        let (vectors, is_whole) = ritz_vectors(inverse, &modes, start, range)?;
+        modes = refined(inverse, vectors, range)?;
+        let count = range.wanted(&modes.squares).min(modes.squares.len());
+        match modes.missing(inverse, count, is_whole)? {
             Some(missing) if missing > 0 => start = random_block(inverse.engine, BLOCK, number * BLOCK),
-            verdict => return known.basis(inverse, count, verdict.is_some()),
+            verdict => return modes.basis(inverse, count, verdict.is_some()),
         }
     }
     Err(Error::Singular(format!("natural modes are still missing after {MAX_SEARCHES} searches")))
@@ -194,14 +194,14 @@ fn search<E: Engine>(
 /// modes.
 fn ritz_vectors<E: Engine>(
     inverse: &mut ShiftedInverse<E>,
-    known: &RitzModes,
+    modes: &RitzModes,
     start: Mat<f64>,
     range: ModeRange,
 ) -> Result<(Mat<f64>, bool)> {
-    let mut look = known.squares.len() + range.first_look();
+    let mut look = modes.squares.len() + range.first_look();
     let expected = look + look / 4;
     let begin = |inverse: &mut ShiftedInverse<E>| {
-        Krylov::new(inverse, &known.shapes, &known.squares, start.clone(), expected)
+        Krylov::new(inverse, &modes.shapes, &modes.squares, start.clone(), expected)
     };
     let mut space = begin(inverse)?;
     loop {
@@ -215,8 +215,8 @@ fn ritz_vectors<E: Engine>(
             continue;
         }
         if space.is_exhausted() || pairs.converged >= range.wanted(&pairs.squares) + GUARDS {
-            let all = space.is_exhausted() && wanted == pairs.squares.len();
-            return Ok((space.vectors(&pairs, wanted), all));
+            let is_whole = space.is_exhausted() && wanted == pairs.squares.len();
+            return Ok((space.vectors(&pairs, wanted), is_whole));
         }
         if wanted > 0 && inverse.approach(pairs.squares[0], pairs.squares[wanted - 1])? {
             space = begin(inverse)?;
@@ -309,9 +309,9 @@ impl RitzModes {
         let mut corrections = residuals.clone();
         inverse.solve(&mut corrections)?;
         let columns = 0..self.squares.len();
-        let own: Vec<f64> =
+        let products: Vec<f64> =
             columns.map(|j| dot(residuals.col_as_slice(j), corrections.col_as_slice(j))).collect();
-        let sums = inverse.engine.comm().all_reduce_sum_slice(&own);
+        let sums = inverse.engine.comm().all_reduce_sum_slice(&products);
         let relative = |(sum, square): (&f64, &f64)| {
             let distance = square + inverse.shift;
             (sum.max(0.0) * distance).sqrt() / distance.max(*square)
@@ -321,16 +321,16 @@ impl RitzModes {
     }
 
     /// Counts the eigenvalues below the [widest gap](RitzModes::widest_gap) and returns how
-    /// many of them are missing here; `None` where the engine cannot count. `all` says that no
-    /// modes are known to follow.
+    /// many of them are missing here; `None` where the engine cannot count. `is_whole`
+    /// says that no modes follow.
     fn missing<E: Engine>(
         &self,
         inverse: &ShiftedInverse<E>,
         count: usize,
-        all: bool,
+        is_whole: bool,
     ) -> Result<Option<usize>> {
         let ShiftedInverse { engine, stiffness, mass, .. } = *inverse;
-        let Some((below, sigma)) = self.widest_gap(count, all, inverse.shift) else { return Ok(None) };
+        let Some((below, sigma)) = self.widest_gap(count, is_whole, inverse.shift) else { return Ok(None) };
         let counted = engine.count_below(stiffness, mass, sigma)?;
         // Orthonormal modes with small residuals exist: a lower count is rounding.
         Ok(counted.and_then(|counted| counted.checked_sub(below)))
@@ -339,9 +339,9 @@ impl RitzModes {
     /// Returns the widest relative gap after the first `count` modes or, where a cluster reaches
     /// beyond the last mode, the gap below the cluster: the number of modes below it and its
     /// middle.
-    fn widest_gap(&self, count: usize, all: bool, least: f64) -> Option<(usize, f64)> {
+    fn widest_gap(&self, count: usize, is_whole: bool, least: f64) -> Option<(usize, f64)> {
         let mut squares = self.squares.clone();
-        if all {
+        if is_whole {
             // Past the last mode of all, any distance will do.
             squares.push((2.0 * squares.last().copied().unwrap_or(0.0)).max(least));
         }
@@ -434,12 +434,12 @@ mod tests {
         let mut inverse = ShiftedInverse::new(&engine, [stiffness, mass], false, |_| 0.0).unwrap();
 
         let none = RitzModes::none(&engine);
-        let (vectors, all) = ritz_vectors(&mut inverse, &none, blind_start(&engine), range).unwrap();
-        let found = refined(&mut inverse, vectors, range).unwrap();
-        for (i, square) in found.squares.iter().enumerate() {
+        let (vectors, is_whole) = ritz_vectors(&mut inverse, &none, blind_start(&engine), range).unwrap();
+        let modes = refined(&mut inverse, vectors, range).unwrap();
+        for (i, square) in modes.squares.iter().enumerate() {
             assert!((square.sqrt() - 2.0 * (i + 1) as f64).abs() < 1e-12, "{square}");
         }
-        assert!(found.missing(&inverse, 12, all).unwrap() > Some(10));
+        assert!(modes.missing(&inverse, 12, is_whole).unwrap() > Some(10));
 
         let basis = search(&mut inverse, range, blind_start(&engine)).unwrap();
         assert!(basis.is_complete);

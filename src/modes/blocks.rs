@@ -40,10 +40,10 @@ pub(super) fn scalar_products<E: Engine, const N: usize>(
     y: MatRef<f64>,
 ) -> [Mat<f64>; N] {
     // The products are faster in this order, in which the long block is not rearranged.
-    let own = blocks.map(|x| product(y.transpose(), x).transpose().to_owned());
-    let packed: Vec<f64> = own.iter().flat_map(entries).collect();
+    let products = blocks.map(|x| product(y.transpose(), x).transpose().to_owned());
+    let packed: Vec<f64> = products.iter().flat_map(entries).collect();
     let mut sums = engine.comm().all_reduce_sum_slice(&packed).into_iter();
-    own.map(|mut matrix| {
+    products.map(|mut matrix| {
         fill(&mut matrix, &mut sums);
         matrix
     })
@@ -87,6 +87,6 @@ fn entries(matrix: &Mat<f64>) -> Vec<f64> {
 fn fill(matrix: &mut Mat<f64>, entries: impl IntoIterator<Item = f64>) {
     let mut entries = entries.into_iter();
     for j in 0..matrix.ncols() {
-        matrix.col_as_slice_mut(j).iter_mut().zip(&mut entries).for_each(|(own, entry)| *own = entry);
+        matrix.col_as_slice_mut(j).iter_mut().zip(&mut entries).for_each(|(place, entry)| *place = entry);
     }
 }

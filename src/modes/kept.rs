@@ -115,10 +115,10 @@ fn key<E: Engine>(engine: &E, forms: [&Form; 2], range: ModeRange, mechanism: bo
 
 /// Adds the contributions of cells, with the matrices of each class once.
 fn add_cells(hash: &mut LongHash, blocks: &[ElementMatrix]) {
-    let mut known = HashSet::new();
+    let mut classes = HashSet::new();
     for ElementMatrix { dofs, matrix, bending, class } in blocks {
         hash.add(format!("{dofs:?} {class};").as_bytes());
-        if !known.insert((dofs.len(), *class)) {
+        if !classes.insert((dofs.len(), *class)) {
             continue;
         }
         hash.add_numbers(matrix);

@@ -68,12 +68,12 @@ impl Krylov {
     /// for an expected number of vectors. Collective.
     pub fn new<E: Engine>(
         inverse: &mut ShiftedInverse<E>,
-        known: &Mat<f64>,
+        shapes: &Mat<f64>,
         squares: &[f64],
         start: Mat<f64>,
         expected: usize,
     ) -> Result<Krylov> {
-        let (dofs, size) = (inverse.engine.dofs(), known.ncols());
+        let (dofs, size) = (inverse.engine.dofs(), shapes.ncols());
         let mut krylov = Krylov {
             basis: Mat::zeros(dofs, 0),
             size,
@@ -83,7 +83,7 @@ impl Krylov {
             drawn: 0,
         };
         krylov.reserve(inverse, expected.max(size) + 2 * BLOCK)?;
-        krylov.basis.as_mut().subcols_mut(0, size).copy_from(known);
+        krylov.basis.as_mut().subcols_mut(0, size).copy_from(shapes);
         for (i, square) in squares.iter().enumerate() {
             krylov.projected[(i, i)] = 1.0 / (square + inverse.shift);
         }

@@ -146,7 +146,7 @@ impl Store {
     fn read(&self, path: &Path) -> Result<Vec<u8>> {
         // Nobody else can exchange the files of a folder that passes.
         for place in [&*self.folder, path] {
-            fs::metadata(place).and_then(|found| require_trusted(&found)).map_err(Error::io(place))?;
+            fs::metadata(place).and_then(|metadata| require_trusted(&metadata)).map_err(Error::io(place))?;
         }
         input::read_plain(path).map_err(Error::io(path))
     }
@@ -173,8 +173,8 @@ impl Store {
 /// Returns the numbers of columns and dofs in the bytes of a file, and its content; `None` where
 /// they are damaged or have another key.
 fn parse<T: DeserializeOwned>(bytes: &[u8], key: u128) -> Option<([usize; 2], T)> {
-    let (found, size, content) = archive::from_bytes::<([u8; 16], _, _)>(hash::unseal(bytes)?).ok()?;
-    (found == key.to_le_bytes()).then_some((size, content))
+    let (stored, size, content) = archive::from_bytes::<([u8; 16], _, _)>(hash::unseal(bytes)?).ok()?;
+    (stored == key.to_le_bytes()).then_some((size, content))
 }
 
 /// Adds a line that is not there.
@@ -186,15 +186,15 @@ fn push(lines: &mut Vec<String>, line: String) {
 
 /// Refuses what another user has written, or might have.
 #[cfg_attr(not(unix), allow(unused_variables))]
-fn require_trusted(found: &Metadata) -> io::Result<()> {
+fn require_trusted(metadata: &Metadata) -> io::Result<()> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;
         let refuse = |why: &str| Err(io::Error::new(ErrorKind::PermissionDenied, why));
-        if ![0, rustix::process::geteuid().as_raw()].contains(&found.uid()) {
+        if ![0, rustix::process::geteuid().as_raw()].contains(&metadata.uid()) {
             return refuse("it belongs to another user");
         }
-        if found.mode() & 0o022 != 0 {
+        if metadata.mode() & 0o022 != 0 {
             return refuse("others may write to it; `chmod go-w` changes that");
         }
     }
@@ -260,17 +260,25 @@ pub(super) mod tests {
 
     #[test]
     fn the_folder_is_the_first_that_the_environment_names() {
-        let of = |set: &[(&str, &str)]| {
-            let value = |name: &str| set.iter().find(|(own, _)| *own == name).map(|(_, value)| value.into());
+        let folder_for = |set: &[(&str, &str)]| {
+            let value = |name: &str| {
+                set.iter().find(|(variable, _)| *variable == name).map(|(_, value)| value.into())
+            };
             cache_folder(value).map(|folder| folder.to_string_lossy().into_owned())
         };
         let home = ("HOME", "/home/ada");
-        assert_eq!(of(&[]), None);
-        assert_eq!(of(&[home]).as_deref(), Some("/home/ada/.cache/rebond"));
-        assert_eq!(of(&[home, ("XDG_CACHE_HOME", "here")]).as_deref(), Some("/home/ada/.cache/rebond"));
-        assert_eq!(of(&[home, ("XDG_CACHE_HOME", "/var/cache")]).as_deref(), Some("/var/cache/rebond"));
-        assert_eq!(of(&[home, (VARIABLE, "modes")]).as_deref(), Some("modes"));
-        assert_eq!(of(&[home, (VARIABLE, "")]), None);
+        assert_eq!(folder_for(&[]), None);
+        assert_eq!(folder_for(&[home]).as_deref(), Some("/home/ada/.cache/rebond"));
+        assert_eq!(
+            folder_for(&[home, ("XDG_CACHE_HOME", "here")]).as_deref(),
+            Some("/home/ada/.cache/rebond")
+        );
+        assert_eq!(
+            folder_for(&[home, ("XDG_CACHE_HOME", "/var/cache")]).as_deref(),
+            Some("/var/cache/rebond")
+        );
+        assert_eq!(folder_for(&[home, (VARIABLE, "modes")]).as_deref(), Some("modes"));
+        assert_eq!(folder_for(&[home, (VARIABLE, "")]), None);
     }
 
     #[test]

@@ -140,7 +140,8 @@ impl Checkpoint {
         let step = self.pause.step;
         write_atomic(&folder.join(format!("checkpoint-{step:012}.bin")), &self.to_bytes()?)?;
         // Checkpoints of later steps are damaged, otherwise the run would have resumed from them.
-        let (earlier, later): (Vec<_>, Vec<_>) = list(folder)?.into_iter().partition(|(of, _)| *of <= step);
+        let (earlier, later): (Vec<_>, Vec<_>) =
+            list(folder)?.into_iter().partition(|(number, _)| *number <= step);
         earlier.iter().rev().skip(KEPT).chain(&later).try_for_each(|(_, path)| remove(path))
     }
 
@@ -241,14 +242,14 @@ fn list(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         entries => entries.map_err(Error::io(folder))?,
     };
-    let mut found = Vec::new();
+    let mut checkpoints = Vec::new();
     for entry in entries {
         let path = entry.map_err(Error::io(folder))?.path();
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         if let Some(step) = step_of(&name) {
-            found.push((step, path));
+            checkpoints.push((step, path));
         }
     }
-    found.sort_unstable();
-    Ok(found)
+    checkpoints.sort_unstable();
+    Ok(checkpoints)
 }

@@ -181,7 +181,7 @@ pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwri
     match input::read_plain(&folder.join(summary::FILE)) {
         Ok(bytes) => {
             let summary: Value = serde_json::from_slice(&bytes).unwrap_or_default();
-            if Identity::of_summary(&summary).is_some_and(|of| of == *scene) {
+            if Identity::of_summary(&summary).is_some_and(|identity| identity == *scene) {
                 return Ok(());
             }
             let difference = match difference("", &summary["scene"], resolved) {
@@ -227,7 +227,7 @@ pub fn refuse_foreign(
         let entry = entry.map_err(Error::io(folder))?;
         let (name, path) = (entry.file_name(), entry.path());
         if !path.is_dir() {
-            entry.metadata().and_then(|found| input::require_file(&found)).map_err(Error::io(path))?;
+            entry.metadata().and_then(|metadata| input::require_file(&metadata)).map_err(Error::io(path))?;
         }
         if !name.to_str().is_some_and(|name| is_own(name) || is_passing(name)) {
             foreign.push(name);

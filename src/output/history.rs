@@ -137,8 +137,8 @@ impl Table {
     }
 
     /// Sets the quantity of each probe from its name; by default all are deflections.
-    pub fn with_quantities(mut self, of: impl Fn(&str) -> ProbeQuantity) -> Table {
-        self.quantities = self.names.iter().skip(COLUMNS.len()).map(|name| of(name)).collect();
+    pub fn with_quantities(mut self, quantity_of: impl Fn(&str) -> ProbeQuantity) -> Table {
+        self.quantities = self.names.iter().skip(COLUMNS.len()).map(|name| quantity_of(name)).collect();
         self
     }
 
@@ -153,8 +153,8 @@ impl Table {
         axis: (&'static str, &'static str),
     ) -> impl Iterator<Item = (usize, &str, &[f64])> {
         let probes = self.probes().enumerate().zip(&self.quantities);
-        let of = move |(_, quantity): &(_, &ProbeQuantity)| quantity.axis() == axis;
-        probes.filter(of).map(|((number, (name, values)), _)| (number, name, values))
+        let on_axis = move |(_, quantity): &(_, &ProbeQuantity)| quantity.axis() == axis;
+        probes.filter(on_axis).map(|((number, (name, values)), _)| (number, name, values))
     }
 
     /// Returns the names and units of the probes' quantities, each once, in the probes' order.
@@ -187,8 +187,8 @@ impl Table {
             Some(name) => pair[1].strip_prefix("impulse_") == Some(name),
             None => false,
         };
-        let found = self.names[COLUMNS.len()..].windows(2).position(is_force);
-        found.map_or(self.names.len(), |at| COLUMNS.len() + at)
+        let first = self.names[COLUMNS.len()..].windows(2).position(is_force);
+        first.map_or(self.names.len(), |index| COLUMNS.len() + index)
     }
 }
 
@@ -227,9 +227,9 @@ fn parse(mut file: impl BufRead) -> io::Result<Table> {
 
     let mut columns = vec![Vec::new(); names.len()];
     while let Some(number) = next(&mut line)? {
-        let found = line.split(',').count();
-        if found != names.len() {
-            return Err(malformed(number, &format!("expected {} values, found {found}", names.len())));
+        let count = line.split(',').count();
+        if count != names.len() {
+            return Err(malformed(number, &format!("expected {} values, found {count}", names.len())));
         }
         for ((text, column), name) in line.split(',').zip(&mut columns).zip(&names) {
             let value = text.trim().parse();

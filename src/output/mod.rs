@@ -130,11 +130,11 @@ impl Drop for Lines {
 /// Returns [`Error::Io`] naming the file, also where it cannot be read.
 fn require_same(path: &Path, written: Extent) -> Result<()> {
     let file = input::open_plain(File::options().read(true), path).map_err(Error::io(path))?;
-    let found = written.read_again(file).map_err(Error::io(path))?;
+    let stored = written.read_again(file).map_err(Error::io(path))?;
     let length = written.length;
-    let wrong = match found.length {
+    let wrong = match stored.length {
         less if less < length => format!("it has {less} bytes, and had {length} at the checkpoint"),
-        _ if found != written => {
+        _ if stored != written => {
             format!("its first {length} bytes are not those that the run wrote before the checkpoint")
         }
         _ => return Ok(()),

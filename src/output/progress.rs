@@ -77,9 +77,10 @@ impl Progress {
     /// last.
     fn after(&self, step: u64) -> u64 {
         let Range { start, end } = self.steps;
-        let at =
-            |line: u64| start + ((u128::from(end - start) * u128::from(line)).div_ceil(LINES.into())) as u64;
-        (1..LINES).map(at).find(|&due| due > step && due < end).unwrap_or(u64::MAX)
+        let line = |number: u64| {
+            start + ((u128::from(end - start) * u128::from(number)).div_ceil(LINES.into())) as u64
+        };
+        (1..LINES).map(line).find(|&due| due > step && due < end).unwrap_or(u64::MAX)
     }
 
     /// Reports that `step` is done, and evaluates `state` only if the line is due.
@@ -205,7 +206,7 @@ fn watch(parts: &Receiver<&'static str>, long: Duration, mut say: impl FnMut(&'s
 
 /// Formats the line, which fits into 80 columns.
 fn words(state: &State, done: f64, pace: f64, elapsed: Duration) -> String {
-    let left = Duration::try_from_secs_f64((elapsed.as_secs_f64() * (1.0 / done - 1.0)).ceil());
+    let rest = Duration::try_from_secs_f64((elapsed.as_secs_f64() * (1.0 / done - 1.0)).ceil());
     let ratio = state.energy / state.start;
     // A start at rest has no energy, or only its rounding error.
     let energy = if ratio.abs() < LARGEST_RATIO {
@@ -218,7 +219,7 @@ fn words(state: &State, done: f64, pace: f64, elapsed: Duration) -> String {
         100.0 * done,
         significant(state.time),
         grouped(pace as u64),
-        left.map_or("?".into(), |left| FormattedDuration(left).to_string()),
+        rest.map_or("?".into(), |rest| FormattedDuration(rest).to_string()),
         state.contact_nodes,
     )
 }

@@ -8,8 +8,8 @@ use std::collections::BTreeMap;
 /// Returns the quantity of a probe of a resolved scene.
 pub fn quantity(scene: &Value, probe: &str) -> ProbeQuantity {
     let probes = scene["output"]["probes"].as_array();
-    let found = probes.into_iter().flatten().find(|of| of["name"] == probe);
-    let named = found.and_then(|of| of["quantity"].as_str()).and_then(ProbeQuantity::named);
+    let row = probes.into_iter().flatten().find(|entry| entry["name"] == probe);
+    let named = row.and_then(|row| row["quantity"].as_str()).and_then(ProbeQuantity::named);
     named.unwrap_or_default()
 }
 
@@ -26,7 +26,7 @@ pub fn obstacles(scene: &Value, opposite: &BTreeMap<String, Vec<f64>>) -> Vec<Ob
             (false, true) => Obstacle::Below(height),
             (false, false) => Obstacle::Above(height),
         };
-        let is_seen = !is_part || opposite.values().flatten().any(|of| *of == height);
+        let is_seen = !is_part || opposite.values().flatten().any(|other| *other == height);
         if is_seen && !obstacles.contains(&obstacle) {
             obstacles.push(obstacle);
         }

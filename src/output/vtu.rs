@@ -92,8 +92,8 @@ impl Series {
         } else {
             self.write_index()?;
         }
-        for (of, path) in pieces(&self.folder)? {
-            if of > step {
+        for (number, path) in pieces(&self.folder)? {
+            if number > step {
                 remove(&path)?;
             }
         }
@@ -353,21 +353,23 @@ pub fn read(path: &Path) -> Result<Surface> {
     let bytes = fs::read(path).map_err(Error::io(path))?;
     if path.extension().is_some_and(|extension| extension == "pvtu") {
         let text = String::from_utf8_lossy(&bytes);
-        let mut all = Surface::default();
+        let mut whole = Surface::default();
         for piece in tags(&text, "Piece").filter_map(|tag| attribute(tag, "Source")) {
             let Surface { points, cells, deflection, reaction, obstacles, parents, von_mises } =
                 read(&path.with_file_name(piece))?;
-            let before = all.points.len();
-            let parents_before = all.parents.iter().max().map_or(0, |last| last + 1);
-            all.parents.extend(parents.into_iter().map(|parent| parent + parents_before));
-            all.obstacles.iter_mut().zip(obstacles).for_each(|(all, piece)| all.extend(piece));
-            all.cells.extend(cells.into_iter().map(|cell| cell.iter().map(|point| point + before).collect()));
-            all.points.extend(points);
-            all.deflection.extend(deflection);
-            all.reaction.extend(reaction);
-            all.von_mises.extend(von_mises);
+            let before = whole.points.len();
+            let parents_before = whole.parents.iter().max().map_or(0, |last| last + 1);
+            whole.parents.extend(parents.into_iter().map(|parent| parent + parents_before));
+            whole.obstacles.iter_mut().zip(obstacles).for_each(|(faces, piece)| faces.extend(piece));
+            whole
+                .cells
+                .extend(cells.into_iter().map(|cell| cell.iter().map(|point| point + before).collect()));
+            whole.points.extend(points);
+            whole.deflection.extend(deflection);
+            whole.reaction.extend(reaction);
+            whole.von_mises.extend(von_mises);
         }
-        return Ok(all);
+        return Ok(whole);
     }
     piece(&bytes).map_err(|what| malformed(path, what))
 }
@@ -427,16 +429,16 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
 fn tags<'t>(text: &'t str, name: &str) -> impl Iterator<Item = &'t str> {
     let start = format!("<{name} ");
     text.match_indices(&start)
-        .map(|(at, _)| at)
+        .map(|(start, _)| start)
         .collect::<Vec<_>>()
         .into_iter()
-        .filter_map(move |at| text[at..].split('>').next())
+        .filter_map(move |start| text[start..].split('>').next())
 }
 
 fn attribute<'t>(tag: &'t str, name: &str) -> Option<&'t str> {
     let start = format!(" {name}=\"");
-    let at = tag.find(&start)? + start.len();
-    tag[at..].split('"').next()
+    let offset = tag.find(&start)? + start.len();
+    tag[offset..].split('"').next()
 }
 
 fn malformed(path: &Path, what: &str) -> Error {

@@ -166,17 +166,17 @@ impl Comparison {
         solver: impl FnOnce(&Model<E>, &Scene) -> Box<SolverFactory<E>>,
         recover: impl Fn(Error) -> Result<Error>,
     ) -> Result<()> {
-        let own = contender.scene(scene);
+        let adapted = contender.scene(scene);
         let mut entry = Entry { name: contender.to_string(), ..Entry::default() };
         let reference = Reference::new(scene)?;
         self.dofs = reference.model.system.engine.dofs();
         let clock = Instant::now();
-        let failure = match set_up(&own) {
+        let failure = match set_up(&adapted) {
             Err(why) => Some(recover(why)?),
             Ok(model) => {
                 entry.seconds.set_up = clock.elapsed().as_secs_f64();
-                let solver = solver(&model, &own);
-                let opponent = Opponent { scene: &own, model: &model, solver: &*solver };
+                let solver = solver(&model, &adapted);
+                let opponent = Opponent { scene: &adapted, model: &model, solver: &*solver };
                 self.run_scheme(&reference, opponent, &mut entry, recover)?
             }
         };
@@ -195,8 +195,8 @@ impl Comparison {
         if failed.is_empty() {
             return Ok(());
         }
-        let (some, all) = (failed.len(), self.entries.len());
-        Err(Error::Unfinished(format!("{some} of {all} did not reach the end: {}", failed.join(", "))))
+        let (some, count) = (failed.len(), self.entries.len());
+        Err(Error::Unfinished(format!("{some} of {count} did not reach the end: {}", failed.join(", "))))
     }
 
     /// Advances both to the end, or until the contender fails, and returns its error.
@@ -335,8 +335,8 @@ impl Reference {
 }
 
 /// Rounds a position to the grid.
-fn place(spacing: f64, at: [f64; 2]) -> [i64; 2] {
-    at.map(|x| (x / spacing).round() as i64)
+fn place(spacing: f64, position: [f64; 2]) -> [i64; 2] {
+    position.map(|x| (x / spacing).round() as i64)
 }
 
 impl fmt::Display for Comparison {

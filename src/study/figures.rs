@@ -110,8 +110,8 @@ impl Runs<'_> {
     fn get(&mut self, figure: usize, kind: Kind, step: f64) -> Result<Recorded> {
         let scene = kind.scene(figure, step)?;
         let name = scene.resolved();
-        if let Some(known) = self.known.get(&name) {
-            return Ok(known.clone());
+        if let Some(run) = self.known.get(&name) {
+            return Ok(run.clone());
         }
         (self.starts)(&format!("figure {figure}, {} s", significant(step)));
         let run = Rc::new(run_native(&scene, false)?);
@@ -186,13 +186,13 @@ pub fn figures(folder: &Path, smallest: f64, command: &str, starts: &mut dyn FnM
         {
             let draw = |number: usize, what: &str, panels: Vec<Panel>| {
                 let cells = RECTANGLES * element.shape().per_rectangle();
-                let of = element.title();
-                let title = format!("CSMA 2013, figure {number}: {what}, {cells} {of}{beyond}");
+                let cell_name = element.title();
+                let title = format!("CSMA 2013, figure {number}: {what}, {cells} {cell_name}{beyond}");
                 let file = folder.join(format!("fig{number}{name}"));
                 panels.into_iter().fold(Figure::new(title).note(command), Figure::panel).write(&file)
             };
-            let mut energies = |figure, heading: &str, own: &[Kind]| {
-                energies(&mut runs, figure, heading, &[own, others].concat(), &steps)
+            let mut energies = |figure, heading: &str, kinds: &[Kind]| {
+                energies(&mut runs, figure, heading, &[kinds, others].concat(), &steps)
             };
             let absorbing = energies(newmark, "(a) e = 0", &[Kind::Absorbing, Kind::Consistent])?;
             let bouncing = energies(newmark, "(b) e = 1", &[Kind::Bouncing])?;
@@ -331,7 +331,10 @@ fn judge(steps: &[f64], elements: &[Changes]) -> Vec<Claim> {
     let verdict = |holds: bool| if holds { Verdict::Holds } else { Verdict::Fails };
     let every = |holds: &dyn Fn(&Changes) -> bool| verdict(elements.iter().all(holds));
     let lines = |line: &dyn Fn(&Changes) -> String| {
-        elements.iter().map(|of| format!("{}  {}", of.element, line(of))).collect::<Vec<String>>()
+        elements
+            .iter()
+            .map(|changes| format!("{}  {}", changes.element, line(changes)))
+            .collect::<Vec<String>>()
     };
     let list = |changes: &[f64]| {
         let entry = |(step, change): (&f64, &f64)| format!("{:+.5} at {} s", change, significant(*step));
@@ -343,55 +346,58 @@ fn judge(steps: &[f64], elements: &[Changes]) -> Vec<Claim> {
     let grows_and_is_cured = |changes: &[f64]| {
         changes.iter().all(|change| *change > 0.0) && last(changes) < 0.1 * changes[0] && last(changes) < 0.05
     };
-    let stricter = |of: fn(&Changes) -> &[f64]| {
-        let [triangles, quadrilaterals] = [0, 1].map(|k| of(&elements[k]));
+    let stricter = |part: fn(&Changes) -> &[f64]| {
+        let [triangles, quadrilaterals] = [0, 1].map(|k| part(&elements[k]));
         triangles.iter().zip(quadrilaterals).all(|(t, q)| t.abs() > q.abs())
     };
     vec![
         Claim {
             claim: "with e = 0 energy is lost at impacts and only there",
-            measured: lines(&|of| {
-                let Flights { count, drift, loss, rise } = of.flights;
+            measured: lines(&|changes| {
+                let Flights { count, drift, loss, rise } = changes.flights;
                 format!(
                     "step {least} s: of the invariant H, {loss:.2e} is lost in steps with contact, none of which raises it by more than \
                      {rise:.0e}; in each of the {count} flights between them it is constant to {drift:.0e}"
                 )
             }),
-            verdict: every(&|of| {
-                of.flights.drift < ROUNDING && of.flights.rise < ROUNDING && of.flights.loss > 0.0
+            verdict: every(&|changes| {
+                changes.flights.drift < ROUNDING
+                    && changes.flights.rise < ROUNDING
+                    && changes.flights.loss > 0.0
             }),
         },
         Claim {
             claim: "with e = 0 the loss vanishes with the step",
-            measured: lines(&|of| list(&of.absorbing)),
-            verdict: every(&|of| vanishes(&of.absorbing) && of.absorbing.is_sorted()),
+            measured: lines(&|changes| list(&changes.absorbing)),
+            verdict: every(&|changes| vanishes(&changes.absorbing) && changes.absorbing.is_sorted()),
         },
         Claim {
             claim: "the consistent mass loses far more than the singular one",
-            measured: lines(&|of| {
-                let (consistent, singular) = (of.consistent, last(&of.absorbing));
+            measured: lines(&|changes| {
+                let (consistent, singular) = (changes.consistent, last(&changes.absorbing));
                 let ratio = consistent / singular;
                 format!("step {least} s: {consistent:+.5} against {singular:+.5}, {ratio:.0} times as much")
             }),
-            verdict: every(&|of| of.consistent < 2.0 * last(&of.absorbing)),
+            verdict: every(&|changes| changes.consistent < 2.0 * last(&changes.absorbing)),
         },
         Claim {
             claim: "with e = 1 the energy grows, and a small step cures it",
-            measured: lines(&|of| list(&of.bouncing)),
-            verdict: every(&|of| grows_and_is_cured(&of.bouncing)),
+            measured: lines(&|changes| list(&changes.bouncing)),
+            verdict: every(&|changes| grows_and_is_cured(&changes.bouncing)),
         },
         Claim {
             claim: "triangles need smaller steps than quadrilaterals",
             measured: vec![
                 "the energy of each run above changes more on triangles than on quadrilaterals".to_owned(),
             ],
-            verdict: verdict(stricter(|of| &of.absorbing) && stricter(|of| &of.bouncing)),
+            verdict: verdict(stricter(|changes| &changes.absorbing) && stricter(|changes| &changes.bouncing)),
         },
         Claim {
             claim: "the midpoint scheme does likewise",
-            measured: lines(&|of| list(&of.midpoint)),
+            measured: lines(&|changes| list(&changes.midpoint)),
             verdict: verdict(
-                elements.iter().all(|of| grows_and_is_cured(&of.midpoint)) && stricter(|of| &of.midpoint),
+                elements.iter().all(|changes| grows_and_is_cured(&changes.midpoint))
+                    && stricter(|changes| &changes.midpoint),
             ),
         },
     ]

@@ -20,11 +20,11 @@ pub(super) fn warnings(scene: &Scene) -> Vec<String> {
     for load in scene.load.iter().flat_map(Load::fields).filter(|given| given.changes()) {
         // In a sum of products each time factor is tested, in other fields the values at some
         // places.
-        let found = match load.terms() {
+        let missed = match load.terms() {
             Some(terms) => worst(terms.iter().map(|[time, _]| (time, Point::origin(), 0.0)), scene),
-            None => worst(places.iter().map(|&at| (load, at, 0.0)), scene),
+            None => worst(places.iter().map(|&place| (load, place, 0.0)), scene),
         };
-        warnings.extend(found.map(|(time, share)| {
+        warnings.extend(missed.map(|(time, share)| {
             format!(
                 "{}: around t = {time} s steps of {} s miss {share} % of its impulse over {WINDOW} steps: take a smaller time.step, \
                  or a longer pulse of the same impulse",
@@ -37,7 +37,7 @@ pub(super) fn warnings(scene: &Scene) -> Vec<String> {
     for moving in scene.motions().chain(heights).filter(|given| given.changes()) {
         let places = if moving.is_even() { &places[..1] } else { &places };
         // An obstacle's height needs a value only where the plate can touch the obstacle.
-        let from = places.iter().filter_map(|&at| Some((moving, at, moving.at(at, 0.0).ok()?)));
+        let from = places.iter().filter_map(|&place| Some((moving, place, moving.at(place, 0.0).ok()?)));
         warnings.extend(worst(from, scene).map(|(time, share)| {
             format!(
                 "{}: around t = {time} s steps of {} s miss {share} % of its motion over {WINDOW} steps: take a smaller time.step",
@@ -65,10 +65,10 @@ fn places(scene: &Scene) -> Vec<Point> {
 ///
 /// Each function has a place and its value at the start, which is subtracted.
 fn worst<'g>(
-    of: impl Iterator<Item = (&'g FieldInput, Point, f64)>,
+    functions: impl Iterator<Item = (&'g FieldInput, Point, f64)>,
     scene: &Scene,
 ) -> Option<(String, String)> {
-    let missed = of.filter_map(|(given, at, start)| given.missed(at, start, &scene.time));
+    let missed = functions.filter_map(|(given, place, start)| given.missed(place, start, &scene.time));
     let worst = missed.max_by(|a, b| a.share.total_cmp(&b.share))?;
     Some((significant(worst.time), format!("{:.0}", 100.0 * worst.share)))
 }

@@ -171,9 +171,9 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         }
         _ => None,
     };
-    let deflection = |(probe, at): (&assembly::Probe, &crate::scene::Probe)| Deflection {
-        probe: at.name.clone(),
-        at: at.at,
+    let deflection = |(probe, spec): (&assembly::Probe, &crate::scene::Probe)| Deflection {
+        probe: spec.name.clone(),
+        at: spec.at,
         start: (!no_start).then(|| probe.deflection(&model.start.displacement)),
         loaded: loaded.as_ref().map(|u| probe.deflection(u)),
     };
@@ -328,10 +328,10 @@ fn memory(mesh: &Mesh, dofs: usize, factor_entries: usize) -> usize {
 
 /// Describes a node that was moved or inserted.
 fn told(made: &Made) -> String {
-    let at = |p: Point| format!("({}, {})", significant(p.x), significant(p.y));
+    let place = |p: Point| format!("({}, {})", significant(p.x), significant(p.y));
     match made.moved_from {
-        Some(from) => format!("{} moved from {}", at(made.at), at(from)),
-        None => at(made.at),
+        Some(from) => format!("{} moved from {}", place(made.at), place(from)),
+        None => place(made.at),
     }
 }
 
@@ -383,8 +383,8 @@ impl fmt::Display for Inspection {
         }
         for StaticReaction { support, force, moments } in &self.reactions {
             let [x, y] = moments.map(|moment| format!("{} N m", significant(moment)));
-            let of = format!("{} N; about x and y through its centroid: {x}, {y}", significant(*force));
-            report.text(format!("{support}, start"), of);
+            let words = format!("{} N; about x and y through its centroid: {x}, {y}", significant(*force));
+            report.text(format!("{support}, start"), words);
         }
         for (name, Frequencies { lowest, highest }) in
             [("consistent", &self.consistent), (self.singular_name(), &self.singular)]

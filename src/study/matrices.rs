@@ -59,8 +59,8 @@ pub fn write_matrices(scene: &Scene, folder: &Path) -> Result<()> {
     let space = simulation::space(scene, &mesh)?;
     let free =
         |dof: &usize| *dof >= PER_NODE * mesh.nodes.len() || space.deflection(dof / PER_NODE).is_some();
-    let all = || (0..mesh.nodes.len()).map(|node| PER_NODE * node);
-    let rows: Vec<usize> = if bounded.is_empty() { all().collect() } else { bounded };
+    let deflections = || (0..mesh.nodes.len()).map(|node| PER_NODE * node);
+    let rows: Vec<usize> = if bounded.is_empty() { deflections().collect() } else { bounded };
     let g: Vec<_> = rows.into_iter().filter(free).enumerate().map(|(row, dof)| (row, dof, 1.0)).collect();
     write("G.mtx", [g.len(), dofs], g)?;
     write("F.mtx", [dofs, 1], load.into_iter().enumerate().map(|(dof, f)| (dof, 0, f)).collect())?;

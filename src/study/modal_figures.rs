@@ -67,14 +67,14 @@ pub(super) fn figures(
     };
     let mut contact = None;
     if (1..=MOST_NODES).contains(&touching.len()) {
-        let at = ContactCompliance::new(&model.system, &touching)?;
-        if at.is_definite() {
-            let [least, most] = at.extremes()?;
-            let fastest = at.fastest()?;
+        let compliance = ContactCompliance::new(&model.system, &touching)?;
+        if compliance.is_definite() {
+            let [least, most] = compliance.extremes()?;
+            let fastest = compliance.fastest()?;
             contact = Some(ContactFigures { fastest, compliance: [least, most], condition: most / least });
         } else if model.system.bounds.laws.are_rigid() {
             // Stops that yield need no compliance of the plate.
-            doubt = Some(at.refusal().to_string());
+            doubt = Some(compliance.refusal().to_string());
         }
     }
     warnings.extend(doubt);

@@ -107,7 +107,7 @@ fn points(scene: &Scene, mesh: &Mesh) -> Vec<(String, Point)> {
     let mut points = Vec::new();
     for (number, support) in scene.supports.iter().enumerate() {
         let places = match &support.stand {
-            SupportLocation::At(at) => vec![Point::from(*at)],
+            SupportLocation::At(place) => vec![Point::from(*place)],
             SupportLocation::Point(name) => {
                 mesh.points.get(name).into_iter().flatten().map(|&node| mesh.nodes[node]).collect()
             }

@@ -141,7 +141,7 @@ pub struct Figures {
 /// Returns the methods to try with an engine and a contact solver.
 pub fn methods(engine: EngineName, vi: ContactSolver) -> Vec<Method> {
     let masses = [Mass::Singular, Mass::Consistent, Mass::Modal];
-    let all = masses.into_iter().flat_map(|mass| {
+    let methods = masses.into_iter().flat_map(|mass| {
         let schemes = SchemeSpec::representatives(mass != Mass::Consistent);
         schemes.into_iter().map(move |scheme| Method { scheme, mass, modes: None, engine, vi })
     });
@@ -152,7 +152,7 @@ pub fn methods(engine: EngineName, vi: ContactSolver) -> Vec<Method> {
         let is_distributed = method.scheme.capabilities().is_distributed && method.mass != Mass::Modal;
         engine == EngineName::Native || is_distributed
     };
-    all.filter(is_advised).filter(serves).collect()
+    methods.filter(is_advised).filter(serves).collect()
 }
 
 /// Returns all elements in the order of the tables, the last of the registry first.
@@ -359,8 +359,8 @@ impl Stability {
     /// # Errors
     /// Returns [`Error::Unfinished`] naming the failed trials.
     pub fn verdict(&self) -> Result<()> {
-        let all = self.cases.iter().flat_map(|case| case.trials.iter().map(move |trial| (case, trial)));
-        let failed = all.clone().filter(|(_, trial)| matches!(trial.ending, Ending::Fails(_)));
+        let trials = self.cases.iter().flat_map(|case| case.trials.iter().map(move |trial| (case, trial)));
+        let failed = trials.clone().filter(|(_, trial)| matches!(trial.ending, Ending::Fails(_)));
         let failed: Vec<String> = failed
             .map(|(case, Trial { mesh, method, ending, .. })| {
                 format!("{}, {mesh}, {method}: {}", case.name, ending.why().unwrap_or_default())
@@ -370,7 +370,7 @@ impl Stability {
             0 => Ok(()),
             some => Err(Error::Unfinished(format!(
                 "{some} of {} trials fail: {}",
-                all.count(),
+                trials.count(),
                 failed.join("; ")
             ))),
         }
@@ -442,7 +442,7 @@ impl Stability {
         }
         let mut table = Table::new(&heads.iter().map(String::as_str).collect::<Vec<_>>());
         for case in &self.cases {
-            let of = |method: &Method| {
+            let verdict = |method: &Method| {
                 let words: Vec<String> =
                     case.trials.iter().filter(|t| t.method == *method).map(Trial::word).collect();
                 match &words[..] {
@@ -451,7 +451,7 @@ impl Stability {
                     words => words.join(" | "),
                 }
             };
-            table.row(std::iter::once(case.name.clone()).chain(methods.iter().map(of)));
+            table.row(std::iter::once(case.name.clone()).chain(methods.iter().map(verdict)));
         }
         table
     }

@@ -28,14 +28,16 @@ pub(super) fn static_reactions(scene: &Scene) -> Result<Vec<StaticReaction>> {
         support.name.get_or_insert_with(|| format!("support_{}", number + 1));
     }
     let reactions = Model::new(&scene)?.static_reactions()?;
-    let largest = |k: usize| reactions.iter().flat_map(|of| &of[k..]).fold(0.0, |m: f64, of| m.max(of.abs()));
+    let largest = |k: usize| {
+        reactions.iter().flat_map(|force| &force[k..]).fold(0.0, |m: f64, force| m.max(force.abs()))
+    };
     let noise = [0, 1].map(|k| ROUNDING * largest(k));
-    let of = |(support, [force, x, y]): (&Support, &[f64; 3])| StaticReaction {
+    let reaction = |(support, [force, x, y]): (&Support, &[f64; 3])| StaticReaction {
         support: support.name.clone().unwrap_or_default(),
         force: rounded(*force, noise[0]),
         moments: [x, y].map(|moment| rounded(*moment, noise[1])),
     };
-    Ok(scene.supports.iter().zip(&reactions).map(of).collect())
+    Ok(scene.supports.iter().zip(&reactions).map(reaction).collect())
 }
 
 /// Share of the largest force and moment below which another one is due to rounding.

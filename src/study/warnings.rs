@@ -25,21 +25,25 @@ pub fn warnings(scene: &Scene, model: &Model) -> Vec<String> {
 
 /// Returns the warnings of a model on another engine, with `dofs` dofs on all processes.
 ///
-/// `found` are those from building the model. The matrices are examined on the native engine, in
-/// this process alone; no other process takes part.
-pub fn warnings_apart(scene: &Scene, found: &[String], dofs: usize) -> Vec<String> {
+/// `model_warnings` are those from building the model. The matrices are examined on the native
+/// engine, in this process alone; no other process takes part.
+pub fn warnings_apart(scene: &Scene, model_warnings: &[String], dofs: usize) -> Vec<String> {
     let native = on_native_engine(scene);
     let model = (dofs <= MOST_DOFS).then(|| Model::new(&native).ok()).flatten();
-    judged_with_matrices(scene, found, model.as_ref().map(|model| (&native, model)))
+    judged_with_matrices(scene, model_warnings, model.as_ref().map(|model| (&native, model)))
 }
 
 /// Returns the warnings of a run, whose natural frequencies may fail without ending it.
-fn judged_with_matrices(scene: &Scene, found: &[String], native: Option<(&Scene, &Model)>) -> Vec<String> {
+fn judged_with_matrices(
+    scene: &Scene,
+    model_warnings: &[String],
+    native: Option<(&Scene, &Model)>,
+) -> Vec<String> {
     match native.map(|(native, model)| (model, frequencies_of(native, model))) {
-        None => judged(scene, found, None),
-        Some((model, Ok(frequencies))) => judged(scene, found, Some((model, &frequencies))),
+        None => judged(scene, model_warnings, None),
+        Some((model, Ok(frequencies))) => judged(scene, model_warnings, Some((model, &frequencies))),
         Some((_, Err(error))) => {
-            let mut warnings = judged(scene, found, None);
+            let mut warnings = judged(scene, model_warnings, None);
             warnings
                 .push(format!("time.step is not judged, because the natural frequencies failed: {error}"));
             warnings
@@ -47,14 +51,14 @@ fn judged_with_matrices(scene: &Scene, found: &[String], native: Option<(&Scene,
     }
 }
 
-/// Returns the warnings of the scene, those `found` while its model was built, and those of the
+/// Returns the warnings of the scene, `model_warnings` from building its model, and those of the
 /// matrices where a model and its frequencies are given.
 pub(super) fn judged(
     scene: &Scene,
-    found: &[String],
+    model_warnings: &[String],
     matrices: Option<(&Model, &Frequencies)>,
 ) -> Vec<String> {
-    let mut warnings = found.to_vec();
+    let mut warnings = model_warnings.to_vec();
     warnings.extend(of_scene(scene));
     warnings.extend(in_time::warnings(scene));
     warnings.extend(points::warnings(scene));

@@ -23,7 +23,7 @@ type Names = Vec<String>;
 type Imports<'f> = BTreeMap<&'f str, BTreeMap<&'f str, BTreeSet<String>>>;
 
 /// Returns the text of a file without comments, strings and characters.
-fn bare(text: &str) -> String {
+pub(super) fn bare(text: &str) -> String {
     let mut bare = String::new();
     let mut rest = text;
     while let Some(first) = rest.chars().next() {
@@ -59,7 +59,7 @@ fn bare(text: &str) -> String {
 }
 
 /// Splits code into words, `::` and single signs.
-fn tokens(code: &str) -> Vec<&str> {
+pub(super) fn tokens(code: &str) -> Vec<&str> {
     let is_in_word = |c: char| c.is_alphanumeric() || c == '_';
     let mut tokens = Vec::new();
     let mut rest = code.trim_start();

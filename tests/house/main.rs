@@ -2,6 +2,7 @@
 //! comments that can be read alone.
 
 mod circles;
+mod names;
 mod prose;
 
 use std::collections::{BTreeMap, BTreeSet};

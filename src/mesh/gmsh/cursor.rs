@@ -115,14 +115,14 @@ impl<'a> Cursor<'a> {
     /// Checks that `count` things of `numbers` numbers each can fit in the rest of the file. The
     /// count is the last number read.
     pub fn claim(&self, count: u64, things: &str, numbers: usize) -> Result<usize> {
-        let left = self.bytes.len() - self.at;
+        let rest = self.bytes.len() - self.at;
         // A number takes at least a digit and a space, or the bytes of an int.
         let each = numbers * if self.encoding == Encoding::Text { 2 } else { 4 };
-        let fits = usize::try_from(count).ok().filter(|count| *count <= left.div_ceil(each));
+        let fits = usize::try_from(count).ok().filter(|count| *count <= rest.div_ceil(each));
         fits.ok_or_else(|| {
             self.fault(
                 self.at,
-                format_args!("{count} {things} are announced, but only {left} bytes are left"),
+                format_args!("{count} {things} are announced, but only {rest} bytes are left"),
             )
         })
     }
@@ -184,8 +184,8 @@ impl<'a> Cursor<'a> {
     /// Moves past the `$End` of a section that is ignored.
     pub fn skip_section(&mut self, name: &str) -> Result<()> {
         let end = format!("$End{name}");
-        let found = self.bytes[self.at..].windows(end.len()).position(|window| window == end.as_bytes());
-        self.at += found.ok_or_else(|| self.end(&end))? + end.len();
+        let offset = self.bytes[self.at..].windows(end.len()).position(|window| window == end.as_bytes());
+        self.at += offset.ok_or_else(|| self.end(&end))? + end.len();
         Ok(())
     }
 
@@ -203,10 +203,10 @@ impl<'a> Cursor<'a> {
         self.fault(self.bytes.len(), format_args!("the file ends where {expected} should stand"))
     }
 
-    fn unexpected(&self, place: usize, expected: &str, found: &[u8]) -> Error {
+    fn unexpected(&self, place: usize, expected: &str, bytes: &[u8]) -> Error {
         const MOST: usize = 40;
-        let shown = String::from_utf8_lossy(&found[..found.len().min(MOST)]);
-        let dots = if found.len() > MOST { "..." } else { "" };
+        let shown = String::from_utf8_lossy(&bytes[..bytes.len().min(MOST)]);
+        let dots = if bytes.len() > MOST { "..." } else { "" };
         self.fault(place, format_args!("expected {expected}, found {shown:?}{dots}"))
     }
 }

@@ -106,14 +106,14 @@ impl Sections<'_> {
     /// Checks that no cell has lost a node by merging.
     fn require_apart(&self, mesh: &Mesh, import: Import) -> Result<()> {
         let shrunk = |cell: &Cell| cell.edges().find(|[a, b]| a == b);
-        let found = if import.merge > 0.0 { mesh.cells.iter().find_map(shrunk) } else { None };
-        found.map_or(Ok(()), |[node, _]| {
-            let Point { coords: at } = mesh.nodes[node];
+        let pair = if import.merge > 0.0 { mesh.cells.iter().find_map(shrunk) } else { None };
+        pair.map_or(Ok(()), |[node, _]| {
+            let Point { coords: point } = mesh.nodes[node];
             Err(self.cursor.fault_of_file(format_args!(
                 "mesh.merge = {:?} m merges two nodes of one cell at {}; expected less than the shortest side of \
                  a cell",
                 import.merge,
-                geometry::place([at.x, at.y])
+                geometry::place([point.x, point.y])
             )))
         })
     }
@@ -159,7 +159,7 @@ impl Sections<'_> {
     }
 
     fn add_cells(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) {
-        let mut known: HashMap<Cell, usize> = HashMap::new();
+        let mut cell_numbers: HashMap<Cell, usize> = HashMap::new();
         for block in self.blocks_of(2) {
             let mut members = Vec::new();
             for nodes in block.nodes.chunks_exact(block.shape.nodes()) {
@@ -172,7 +172,7 @@ impl Sections<'_> {
                 // The same cell may start at another node.
                 let first = (0..nodes.len()).min_by_key(|&i| nodes[i]).unwrap_or(0);
                 nodes.rotate_left(first);
-                members.push(*known.entry(self::cell(&nodes)).or_insert_with(|| {
+                members.push(*cell_numbers.entry(self::cell(&nodes)).or_insert_with(|| {
                     mesh.cells.push(cell);
                     mesh.cells.len() - 1
                 }));

@@ -344,17 +344,17 @@ impl<'a> Sections<'a> {
     /// Reads `$Elements` of 2.2: one by one in text, in runs of one shape in binary.
     fn legacy_elements(&mut self) -> Result<()> {
         let text = self.cursor.encoding == Encoding::Text;
-        let mut left = self.legacy_count("elements", 3)?;
-        while left > 0 {
+        let mut rest = self.legacy_count("elements", 3)?;
+        while rest > 0 {
             if text {
                 self.cursor.int("the number of an element")?;
             }
             let shape = self.shape()?;
             let place = self.cursor.place();
             let run = if text { 1 } else { self.cursor.int("the number of elements that follow")? };
-            let run = usize::try_from(run).ok().filter(|run| (1..=left).contains(run));
+            let run = usize::try_from(run).ok().filter(|run| (1..=rest).contains(run));
             let run = run.ok_or_else(|| {
-                self.cursor.fault(place, format_args!("expected a run of 1 to {left} elements"))
+                self.cursor.fault(place, format_args!("expected a run of 1 to {rest} elements"))
             })?;
             let tags = self.cursor.int("the number of tags")?;
             for _ in 0..run {
@@ -380,7 +380,7 @@ impl<'a> Sections<'a> {
                     self.blocks.last_mut().expect("just pushed").nodes.push(index);
                 }
             }
-            left -= run;
+            rest -= run;
         }
         Ok(())
     }
@@ -397,12 +397,12 @@ impl<'a> Sections<'a> {
         Ok([blocks, total])
     }
 
-    fn require_total(&mut self, things: &str, announced: usize, found: usize) -> Result<()> {
-        if announced == found {
+    fn require_total(&mut self, things: &str, announced: usize, read: usize) -> Result<()> {
+        if announced == read {
             return Ok(());
         }
         let place = self.cursor.place();
-        let text = format!("{announced} {things} are announced, but the blocks have {found}");
+        let text = format!("{announced} {things} are announced, but the blocks have {read}");
         Err(self.cursor.fault(place, text))
     }
 

@@ -118,8 +118,8 @@ mod tests {
             picture.resize(rgb.len(), 0);
             let width = 3 * frame.width as usize;
             for (y, row) in part.chunks_exact(width).take(frame.height as usize).enumerate() {
-                let at = (frame.y_offset as usize + y) * size[0] as usize + frame.x_offset as usize;
-                picture[3 * at..][..width].copy_from_slice(row);
+                let start = (frame.y_offset as usize + y) * size[0] as usize + frame.x_offset as usize;
+                picture[3 * start..][..width].copy_from_slice(row);
             }
             assert!(picture == rgb);
         }

@@ -97,7 +97,7 @@ impl Axis {
     /// Fits the axis to values, with about `wanted` ticks.
     pub(super) fn fit(&self, values: impl Iterator<Item = f64>, wanted: usize) -> Fitted {
         let drawn = |value: &f64| value.abs() < GREATEST && (self.scale == Scale::Linear || *value > LEAST);
-        let of = |values: &mut dyn Iterator<Item = f64>| {
+        let range = |values: &mut dyn Iterator<Item = f64>| {
             values.filter(drawn).fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
                 [low.min(value), high.max(value)]
             })
@@ -105,9 +105,9 @@ impl Axis {
         let range = match self.ends {
             Some(mut ends) => {
                 ends.sort_by(f64::total_cmp);
-                of(&mut ends.into_iter())
+                range(&mut ends.into_iter())
             }
-            None => of(&mut values.chain(self.shown.iter().copied())),
+            None => range(&mut values.chain(self.shown.iter().copied())),
         };
         let pad = if self.ends.is_some() { 0.0 } else { self.pad };
         let per = if drawn(&self.per) && self.per.abs() > LEAST { self.per } else { 1.0 };

@@ -80,7 +80,7 @@ pub fn coarsened(surface: Surface) -> Surface {
     for j in 0..ny {
         for i in 0..nx {
             let corners =
-                [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|at| numbers.get(&at).copied());
+                [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|place| numbers.get(&place).copied());
             if let [Some(a), Some(b), Some(c), Some(d)] = corners {
                 coarse.cells.push(vec![a, b, c, d]);
             }
@@ -88,10 +88,10 @@ pub fn coarsened(surface: Surface) -> Surface {
     }
     // Points in contact keep their positions.
     let points = surface.points.iter().zip(surface.deflection.iter().zip(&surface.reaction));
-    for (number, (&at, (&w, &r))) in points.enumerate() {
+    for (number, (&place, (&w, &r))) in points.enumerate() {
         coarse.reaction.resize(coarse.points.len(), 0.0);
         if r != 0.0 {
-            coarse.points.push(at);
+            coarse.points.push(place);
             coarse.deflection.push(w);
             coarse.von_mises.extend(surface.von_mises.get(number));
             coarse.reaction.push(r);

@@ -17,12 +17,12 @@ pub fn over_gap(
     title: &str,
     opposite: &BTreeMap<String, Vec<f64>>,
 ) -> Option<Figure> {
-    let mut found = Vec::new();
+    let mut rows = Vec::new();
     for obstacle in scene["obstacle"].as_array().into_iter().flatten() {
         let (Some(name), Some(height)) = (obstacle["name"].as_str(), obstacle["height"].as_f64()) else {
             continue;
         };
-        let Some((_, force)) = table.forces().find(|(of, _)| *of == name) else { continue };
+        let Some((_, force)) = table.forces().find(|(other, _)| *other == name) else { continue };
         let sign = if obstacle["side"] == "below" { 1.0 } else { -1.0 };
         for (index, probe, deflection) in table.deflections() {
             if opposite.get(probe).is_some_and(|heights| heights.contains(&height)) {
@@ -30,11 +30,11 @@ pub fn over_gap(
                 let curve = Curve::new(probe, near_contact(points.collect())).style(index);
                 let gap = Axis::linear("gap", "m").with([0.0]);
                 let panel = Panel::new(gap, Axis::linear(format!("force of {name}"), "N").with([0.0]));
-                found.push(panel.height(100.0).curve(curve.dashes(0).width(0.5)));
+                rows.push(panel.height(100.0).curve(curve.dashes(0).width(0.5)));
             }
         }
     }
-    (!found.is_empty()).then(|| panels(Figure::new(title), found))
+    (!rows.is_empty()).then(|| panels(Figure::new(title), rows))
 }
 
 /// Leaves out the points, each a gap and a force, whose gap is far from those under a force.

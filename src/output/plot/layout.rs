@@ -102,10 +102,10 @@ impl Figure {
             // This thread writes too, so that none need start.
             let start = |_| thread::Builder::new().spawn_scoped(scope, write).ok();
             let threads: Vec<_> = (1..count).map_while(start).collect();
-            let own = write();
+            let result = write();
             let mut others =
                 threads.into_iter().map(|thread| thread.join().unwrap_or_else(|why| resume_unwind(why)));
-            others.try_for_each(|other| other).and(own)
+            others.try_for_each(|other| other).and(result)
         })
     }
 
@@ -254,7 +254,7 @@ impl Key<'_> {
         let named = panel.curves.iter().zip(0..).filter(|(curve, _)| !curve.name.is_empty());
         let curves = named.map(|(curve, number)| Key::Curve(curve, number));
         let (parts, whole): (Vec<_>, Vec<_>) =
-            panel.near_obstacles().into_iter().partition(|of| matches!(of, Obstacle::Part(_)));
+            panel.near_obstacles().into_iter().partition(|obstacle| matches!(obstacle, Obstacle::Part(_)));
         let obstacle =
             (!whole.is_empty()).then_some(Key::Obstacle(panel.band.as_deref().unwrap_or("obstacle")));
         let part = (!parts.is_empty()).then_some(Key::Part);

@@ -305,8 +305,8 @@ impl Panel {
     }
 
     /// Adds a remark to the right of a point.
-    pub fn remark(mut self, at: [f64; 2], text: impl Into<String>) -> Panel {
-        self.labels.push((at, text.into()));
+    pub fn remark(mut self, place: [f64; 2], text: impl Into<String>) -> Panel {
+        self.labels.push((place, text.into()));
         self
     }
 
@@ -320,7 +320,8 @@ impl Panel {
 
     /// Returns the obstacles that are not far beyond the curves.
     pub(super) fn near_obstacles(&self) -> Vec<Obstacle> {
-        let is_near = |of: &&Obstacle| self.band.is_some() || is_near(of.height(), self.values(1));
+        let is_near =
+            |obstacle: &&Obstacle| self.band.is_some() || is_near(obstacle.height(), self.values(1));
         self.obstacles.iter().filter(is_near).copied().collect()
     }
 

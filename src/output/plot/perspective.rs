@@ -36,14 +36,14 @@ const TALLEST: f64 = 10.0 / 9.0;
 type Space = [f64; 3];
 
 /// Returns evenly chosen entries, including the first and the last.
-pub fn chosen<T>(all: &[T]) -> Vec<&T> {
-    spread(all, MOST)
+pub fn chosen<T>(items: &[T]) -> Vec<&T> {
+    spread(items, MOST)
 }
 
 /// Returns at most `most` entries like [`chosen`].
-pub fn spread<T>(all: &[T], most: usize) -> Vec<&T> {
-    let count = all.len().min(most);
-    (0..count).map(|i| &all[if count > 1 { i * (all.len() - 1) / (count - 1) } else { 0 }]).collect()
+pub fn spread<T>(items: &[T], most: usize) -> Vec<&T> {
+    let count = items.len().min(most);
+    (0..count).map(|i| &items[if count > 1 { i * (items.len() - 1) / (count - 1) } else { 0 }]).collect()
 }
 
 /// Quantity that colours a surface.
@@ -157,29 +157,29 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
         let height = (width * window.height() / window.width()).clamp(20.0, TALLEST * width) + BAND;
         let draw = move |paper: &mut Canvas, frame: Frame| {
             let below = Frame { top: frame.top + BAND, ..frame };
-            let at = |point: Space| window.at(below, view.see(point));
+            let drawn = |point: Space| window.at(below, view.see(point));
             for face in &floor.faces {
-                let corners: Vec<_> = face.iter().map(|&corner| at(corner)).collect();
+                let corners: Vec<_> = face.iter().map(|&corner| drawn(corner)).collect();
                 paper.polygon(&corners, Color::SHADE, Some(Pen::solid(Color::SHADE, 0.3)));
             }
-            floor.edges.iter().for_each(|edge| paper.polyline(&edge.map(at), OUTLINE));
-            floor.stops.iter().for_each(|&stop| draw_stop(paper, at(stop), 1.0));
+            floor.edges.iter().for_each(|edge| paper.polyline(&edge.map(drawn), OUTLINE));
+            floor.stops.iter().for_each(|&stop| draw_stop(paper, drawn(stop), 1.0));
             // The plate covers the inner half of these lines.
-            held.iter().for_each(|edge| paper.polyline(&edge.map(|[x, y]| at([x, y, 0.0])), HELD));
+            held.iter().for_each(|edge| paper.polyline(&edge.map(|[x, y]| drawn([x, y, 0.0])), HELD));
             for face in view.sorted(&surface) {
-                let corners: Vec<_> = face.iter().map(|&point| at(surface.place(point))).collect();
+                let corners: Vec<_> = face.iter().map(|&point| drawn(surface.place(point))).collect();
                 let mean = face.iter().map(|&p| by.values(&surface)[p]).sum::<f64>() / face.len() as f64;
                 let color = depth(share(mean));
                 paper.polygon(&corners, color, Some(Pen::solid(color.towards(Color::BLACK, 0.18), 0.15)));
             }
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-                paper.circle(at(surface.place(point)), 0.9, MARK, None);
+                paper.circle(drawn(surface.place(point)), 0.9, MARK, None);
             }
-            ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(at), HIDDEN));
-            ceiling.stops.iter().for_each(|&stop| draw_stop(paper, at(stop), -1.0));
+            ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(drawn), HIDDEN));
+            ceiling.stops.iter().for_each(|&stop| draw_stop(paper, drawn(stop), -1.0));
             let text = match peak {
                 Some([x, y]) => {
-                    paper.circle(at([x, y, 0.0]), 1.6, MARK, None);
+                    paper.circle(drawn([x, y, 0.0]), 1.6, MARK, None);
                     format!("largest at ({}, {}) m", significant(x), significant(y))
                 }
                 None => format!("t = {} {clock}", significant(time / tick)),

@@ -114,7 +114,7 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
     let range = |axis: usize| {
         let places = outline.iter().flatten().chain(nodes.iter().map(|contact| &contact.at));
         places
-            .map(|at| at[axis])
+            .map(|place| place[axis])
             .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
     };
     let [[left, right], [front, back]] = [range(0), range(1)];

@@ -37,8 +37,8 @@ impl Panel {
         let width = frame.right - frame.left;
         let detail = (4000 / self.curves.len().max(1)).clamp(50, 700);
         let stroke = |curve: &Curve| {
-            let at = |[x, y]: [f64; 2]| Some([frame.x(x_axis, x)?, frame.y(y_axis, y)?]);
-            let places = curve.points.iter().map(|&point| at(point));
+            let drawn = |[x, y]: [f64; 2]| Some([frame.x(x_axis, x)?, frame.y(y_axis, y)?]);
+            let places = curve.points.iter().map(|&point| drawn(point));
             let lines = thinned(places, frame.left, width, detail);
             let is_long = lines.iter().any(|line| length(line) > MOST_DASHED * width);
             let dashes = if is_long { &[] } else { curve.pen.dashes };
@@ -60,7 +60,7 @@ impl Panel {
         let Frame { left, top, right, bottom } = frame;
         let [x_axis, y_axis] = axes;
         let (at_x, at_y) = (|x: f64| frame.x(x_axis, x), |y: f64| frame.y(y_axis, y));
-        let at = |[x, y]: [f64; 2]| Some([at_x(x)?, at_y(y)?]);
+        let drawn = |[x, y]: [f64; 2]| Some([at_x(x)?, at_y(y)?]);
         let within = |low: f64, high: f64| move |value: &f64| (low - 0.1..=high + 0.1).contains(value);
         paper.clipped([left, top], [right, bottom], |paper| {
             for obstacle in self.near_obstacles() {
@@ -72,7 +72,7 @@ impl Panel {
                 }
             }
             for bar in &self.bars {
-                if let (Some(a), Some(b)) = (at([bar.x[0], bar.y[1]]), at([bar.x[1], bar.y[0]])) {
+                if let (Some(a), Some(b)) = (drawn([bar.x[0], bar.y[1]]), drawn([bar.x[1], bar.y[0]])) {
                     // A minimal size keeps short bars visible.
                     paper.rectangle(a, [b[0].max(a[0] + 0.4), b[1].max(a[1] + 0.3)], bar.color);
                 }
@@ -96,8 +96,8 @@ impl Panel {
                 }
             }
             for &(order, [x0, y0]) in &self.slopes {
-                let line = |x: f64| at([x, y0 * (x / x0).powf(order)]);
-                let (Some(a), Some(b), Some(middle)) = (line(x_axis.low), line(x_axis.high), at([x0, y0]))
+                let line = |x: f64| drawn([x, y0 * (x / x0).powf(order)]);
+                let (Some(a), Some(b), Some(middle)) = (line(x_axis.low), line(x_axis.high), drawn([x0, y0]))
                 else {
                     continue;
                 };
@@ -112,7 +112,7 @@ impl Panel {
         });
         for (_, stroke) in self.curves.iter().zip(strokes).rev().filter(|(curve, _)| curve.line) {
             // A curve along the frame is drawn in its full width, one that leaves it ends there.
-            let leaves = stroke.lines.iter().flatten().any(|at| !within(top, bottom)(&at[1]));
+            let leaves = stroke.lines.iter().flatten().any(|point| !within(top, bottom)(&point[1]));
             let margin = if leaves { 0.0 } else { 1.0 };
             paper.clipped([left, top - margin], [right, bottom + margin], |paper| {
                 stroke.lines.iter().for_each(|line| draw_line(paper, line, stroke.pen));
@@ -121,12 +121,12 @@ impl Panel {
         // Markers on the frame are not clipped.
         for curve in self.curves.iter().rev() {
             let Some(marker) = curve.marker else { continue };
-            let is_inside = |at: &At| within(left, right)(&at[0]) && within(top, bottom)(&at[1]);
-            let places = curve.points.iter().filter_map(|&point| at(point)).filter(is_inside);
+            let is_inside = |point: &At| within(left, right)(&point[0]) && within(top, bottom)(&point[1]);
+            let places = curve.points.iter().filter_map(|&point| drawn(point)).filter(is_inside);
             draw_markers(paper, &places.collect::<Vec<_>>(), marker, curve);
         }
         for (place, text) in &self.labels {
-            let Some([x, y]) = at(*place).filter(|at| within(left, right)(&at[0])) else { continue };
+            let Some([x, y]) = drawn(*place).filter(|point| within(left, right)(&point[0])) else { continue };
             let is_late = x + REMARK.width(text) + 4.0 > right;
             let (x, anchor) = if is_late { (x - 3.0, Anchor::End) } else { (x + 3.0, Anchor::Start) };
             paper.text(text, [x, y - 0.5 * REMARK.line()], REMARK, anchor);
@@ -206,7 +206,7 @@ fn length(line: &[At]) -> f64 {
 
 fn draw_line(paper: &mut Canvas, line: &[At], pen: Pen) {
     match *line {
-        [at] => paper.circle(at, pen.width, pen.color, None),
+        [point] => paper.circle(point, pen.width, pen.color, None),
         _ => paper.polyline(line, pen),
     }
 }
@@ -256,7 +256,7 @@ fn thinned(points: impl Iterator<Item = Option<At>>, left: f64, width: f64, colu
     let mut lines: Vec<Vec<At>> = vec![Vec::new()];
     for point in points {
         match (point, lines.last_mut()) {
-            (Some(at), Some(line)) => line.push(at),
+            (Some(point), Some(line)) => line.push(point),
             (None, Some(line)) if !line.is_empty() => lines.push(Vec::new()),
             _ => {}
         }
@@ -271,10 +271,10 @@ fn thinned(points: impl Iterator<Item = Option<At>>, left: f64, width: f64, colu
             let apart = |[a, b]: At, [c, d]: At| (c - a).hypot(d - b) > 0.3;
             let mut kept = line[0];
             let last = line[line.len() - 1];
-            line.retain(|&at| {
-                let keep = at == kept || apart(kept, at);
+            line.retain(|&point| {
+                let keep = point == kept || apart(kept, point);
                 if keep {
-                    kept = at;
+                    kept = point;
                 }
                 keep
             });
@@ -287,7 +287,7 @@ fn thinned(points: impl Iterator<Item = Option<At>>, left: f64, width: f64, colu
 
 /// Returns the points of least and greatest value in each column, in their order.
 fn extremes(line: &[At], left: f64, width: f64, columns: usize) -> Vec<At> {
-    let column = |at: &At| ((at[0] - left) / width * columns as f64) as i64;
+    let column = |point: &At| ((point[0] - left) / width * columns as f64) as i64;
     let mut kept = Vec::new();
     for part in line.chunk_by(|a, b| column(a) == column(b)) {
         let order = |a: &&At, b: &&At| a[1].total_cmp(&b[1]);

@@ -64,11 +64,11 @@ impl PageData {
         let mut residuals = Vec::with_capacity(frames.len() * before.len());
         for frame in frames {
             let levels: Vec<u16> = frame.iter().map(|&value| level(value)).collect();
-            let mut left = 0;
+            let mut previous = 0;
             for (level, before) in levels.iter().zip(&before) {
                 let change = level.wrapping_sub(*before);
-                residuals.push(zigzag(change.wrapping_sub(left)));
-                left = change;
+                residuals.push(zigzag(change.wrapping_sub(previous)));
+                previous = change;
             }
             before = levels;
         }

@@ -76,8 +76,9 @@ pub(super) fn parts(scene: &Value) -> String {
         }
     }
     // Further tables, such as springs, keep their own names.
-    let known = |key: &str| PARTS.iter().any(|(part, _)| *part == key) || ["title", "output"].contains(&key);
-    for (key, value) in scene.as_object().into_iter().flatten().filter(|(key, _)| !known(key)) {
+    let is_part =
+        |key: &str| PARTS.iter().any(|(part, _)| *part == key) || ["title", "output"].contains(&key);
+    for (key, value) in scene.as_object().into_iter().flatten().filter(|(key, _)| !is_part(key)) {
         let words = described(value);
         html += &format!("<dt>{}</dt><dd>{}</dd>\n", escaped(&key.replace('_', " ")), escaped(&words));
     }
@@ -129,17 +130,17 @@ pub(super) fn numbers(summary: &Value) -> String {
     };
     let count = |key: &str| summary[key].as_u64().map(grouped);
     // A number and its unit stay on one line.
-    let of = |value: &Value, unit: &str| {
+    let with_unit = |value: &Value, unit: &str| {
         let unit = unit.replace(' ', "\u{a0}");
         value.as_f64().map(|value| format!("{}\u{a0}{unit}", significant(value)))
     };
-    let energy = |key: &str| of(&summary["energy"][key], "J");
+    let energy = |key: &str| with_unit(&summary["energy"][key], "J");
     card("degrees of freedom", count("dofs"));
     card("steps", count("steps"));
     card("steps in contact", count("contact_steps").filter(|_| summary["bounded_dofs"] != 0));
     let impact = &summary["first_impact"];
-    card("first impact", of(&impact["time"], "s"));
-    card("velocity of the first impact", of(&impact["velocity"], "m/s"));
+    card("first impact", with_unit(&impact["time"], "s"));
+    card("velocity of the first impact", with_unit(&impact["velocity"], "m/s"));
     card("place of the first impact", impact["at"].is_array().then(|| described(&impact["at"]) + " m"));
     card(
         "contacts of the plate",
@@ -149,16 +150,16 @@ pub(super) fn numbers(summary: &Value) -> String {
     card("energy at the start", energy("start"));
     card("energy at the end", energy("end"));
     for (name, forces) in summary["forces"].as_object().into_iter().flatten() {
-        let shown = [of(&forces["peak"], "N"), of(&forces["impulse"], "N s")];
+        let shown = [with_unit(&forces["peak"], "N"), with_unit(&forces["impulse"], "N s")];
         card(
             &format!("{name}: peak force, impulse"),
             Some(shown.into_iter().flatten().collect::<Vec<_>>().join(", ")),
         );
     }
-    card("largest von Mises stress", of(&summary["extremes"]["von_mises"]["value"], "Pa"));
-    card("worst KKT residual", of(&summary["worst_kkt"], ""));
-    card("worst penetration", of(&summary["worst_penetration"], "m").filter(|_| impact.is_object()));
-    card("time of the steps", of(&summary["seconds"]["stepping"], "s"));
+    card("largest von Mises stress", with_unit(&summary["extremes"]["von_mises"]["value"], "Pa"));
+    card("worst KKT residual", with_unit(&summary["worst_kkt"], ""));
+    card("worst penetration", with_unit(&summary["worst_penetration"], "m").filter(|_| impact.is_object()));
+    card("time of the steps", with_unit(&summary["seconds"]["stepping"], "s"));
 
     let mut html = String::from(
         "<section aria-labelledby=\"h-numbers\"><h2 id=\"h-numbers\">Key numbers</h2>\n<dl class=\"numbers\">\n",
@@ -191,10 +192,10 @@ pub(super) fn view(contents: &ReportContents, colors: &Value) -> String {
             (steps / 300).max(1)
         );
     };
-    let (shown, all) = (frames.times.len(), frames.snapshots);
-    let mut note = match shown == all {
-        true => format!("All {all} snapshots of the run"),
-        false => format!("{shown} of the {all} snapshots of the run"),
+    let (shown, count) = (frames.times.len(), frames.snapshots);
+    let mut note = match shown == count {
+        true => format!("All {count} snapshots of the run"),
+        false => format!("{shown} of the {count} snapshots of the run"),
     };
     if frames.points() < frames.points_of_snapshot {
         note += &format!(", at {} of their {} points", frames.points(), frames.points_of_snapshot);
@@ -266,9 +267,9 @@ pub(super) fn contacts(contents: &ReportContents) -> String {
         Some(contacts) => contacts,
     };
     if contacts.len() > MOST_CONTACTS {
-        let all = grouped(contacts.len() as u64);
+        let count = grouped(contacts.len() as u64);
         html += &format!(
-            "<p>The first {MOST_CONTACTS} of {all} contacts of nodes; contacts.csv has the others.</p>\n"
+            "<p>The first {MOST_CONTACTS} of {count} contacts of nodes; contacts.csv has the others.</p>\n"
         );
     }
     html += "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-labelledby=\"h-contacts\"><table class=\"sortable\">\

@@ -194,7 +194,7 @@ fn figures(pictures: &[(String, String)]) -> String {
 
 /// Returns what a picture shows; those of studies have the name of a mesh at their end.
 fn caption(name: &str) -> String {
-    let known = [
+    let meanings = [
         ("bifurcation", "Values once per period, over the swept key"),
         ("response", "Response over the swept key"),
         ("map", "Measures over the two swept keys"),
@@ -204,8 +204,8 @@ fn caption(name: &str) -> String {
         ("after-impact", "Errors and energy after the first impact"),
         ("cost", "Cost of a run"),
     ];
-    let found = known.iter().find_map(|(word, text)| Some((name.strip_prefix(word)?, text)));
-    match found {
+    let meaning = meanings.iter().find_map(|(word, text)| Some((name.strip_prefix(word)?, text)));
+    match meaning {
         Some(("", text)) => (*text).to_owned(),
         Some((mesh, text)) => format!("{text}, {}", mesh.trim_start_matches('-').replace('-', " ")),
         None => name.replace('-', " "),

@@ -41,9 +41,9 @@ pub fn store(table: &Table, rules: &[f64], data: &mut PageData) -> (Value, usize
     charts.push(("force on the plate, upward".into(), "N", Vec::new(), forces));
     charts.retain(|(.., lines)| !lines.is_empty());
 
-    let all: Vec<&[f64]> =
+    let columns: Vec<&[f64]> =
         charts.iter().flat_map(|(.., lines)| lines).map(|(_, values)| values.as_slice()).collect();
-    let rows = chosen(table.rows(), &all);
+    let rows = chosen(table.rows(), &columns);
     let times = column("time");
     data.doubles("row_times", &rows.iter().map(|&row| times[row]).collect::<Vec<f64>>());
     let mut number = 0;

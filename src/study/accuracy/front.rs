@@ -47,8 +47,8 @@ pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
         one.0 <= SAME_COST * other.0 && (one.1 < other.1 || one.1 == other.1 && one.0 < other.0)
     };
     let on_front = |number: &usize| {
-        let own = &points[*number];
-        own.1.is_finite() && !points.iter().any(|other| beats(other, own))
+        let point = &points[*number];
+        point.1.is_finite() && !points.iter().any(|other| beats(other, point))
     };
     let mut front: Vec<usize> = (0..points.len()).filter(on_front).collect();
     front.sort_by(|&a, &b| points[a].0.total_cmp(&points[b].0));
@@ -148,13 +148,13 @@ impl Accuracy {
             let runs = self.runs_on(&mesh);
             let stepping = runs.iter().filter(|run| run.case.method.scheme.name().has_step());
             for method in distinct(stepping.map(|run| run.case.method.to_string())) {
-                let own: Vec<&&Run> =
+                let of_method: Vec<&&Run> =
                     runs.iter().filter(|run| run.case.method.to_string() == method).collect();
                 let order = |part: fn(&Parts<Deviation>) -> Option<Deviation>| {
-                    let floor = own.first().map_or(0.0, |run| self.resolved(&mesh, run, part));
+                    let floor = of_method.first().map_or(0.0, |run| self.resolved(&mesh, run, part));
                     let error =
                         |run: &Run| Some(part(&run.time.as_ref()?.probes)?.rms / self.scales.deflection);
-                    let points: Vec<(f64, f64)> = own
+                    let points: Vec<(f64, f64)> = of_method
                         .iter()
                         .filter_map(|run| Some((run.case.step, error(run)?)))
                         .filter(|(_, error)| *error < ORDERLY && *error > floor.max(ROUNDING))
@@ -176,12 +176,12 @@ impl Accuracy {
     /// Returns the error below which a run on a mesh is not resolved from its limit.
     fn resolved(&self, mesh: &str, run: &Run, part: fn(&Parts<Deviation>) -> Option<Deviation>) -> f64 {
         let is_modal = run.case.method.mass == Mass::Modal;
-        let own = self.limits.iter().filter(|limit| {
+        let limits = self.limits.iter().filter(|limit| {
             limit.mesh == mesh
                 && (limit.mass == Mass::Modal) == is_modal
                 && (!is_modal || limit.family == Family::of(&run.case.method).to_string())
         });
-        super::FLOOR * own.filter_map(|limit| part(&limit.own_error)).map(|d| d.rms).fold(0.0, f64::max)
+        super::FLOOR * limits.filter_map(|limit| part(&limit.own_error)).map(|d| d.rms).fold(0.0, f64::max)
     }
 
     /// Computes the orders between each mesh and the next finer one with the same element and
@@ -198,14 +198,14 @@ impl Accuracy {
         let singular = self.limits.iter().filter(|limit| limit.mass.is_singular());
         let order = |coarse: &Limit| {
             let fine = finer(coarse)?;
-            let of = |norm: fn(&Limit) -> Option<f64>| {
+            let between = |norm: fn(&Limit) -> Option<f64>| {
                 slope(&[(coarse.size, norm(coarse)?), (fine.size, norm(fine)?)])
             };
             Some(SpaceOrder {
                 meshes: [coarse.mesh.clone(), fine.mesh.clone()],
                 family: coarse.family.clone(),
-                l2: of(|limit| limit.space.l2.map(|parts| parts.at(Horizon::FirstImpact).rms)),
-                energy: of(|limit| limit.space.energy.map(|parts| parts.at(Horizon::FirstImpact).rms)),
+                l2: between(|limit| limit.space.l2.map(|parts| parts.at(Horizon::FirstImpact).rms)),
+                energy: between(|limit| limit.space.energy.map(|parts| parts.at(Horizon::FirstImpact).rms)),
             })
         };
         singular.filter_map(order).collect()

@@ -148,8 +148,9 @@ fn timed(scene: &Scene, keep_fields: bool, run: &Runner) -> Result<((Trajectory,
     let clock = CpuClock::start();
     let (trajectory, outcome) = run(scene, keep_fields)?;
     let share = clock.share();
-    let of = outcome.seconds;
-    let seconds = [of.assembly + of.equilibrium + of.factor, of.stepping - of.blocks.rows];
+    let seconds = outcome.seconds;
+    let seconds =
+        [seconds.assembly + seconds.equilibrium + seconds.factor, seconds.stepping - seconds.blocks.rows];
     Ok(((trajectory, outcome), seconds.map(|seconds| share * seconds)))
 }
 

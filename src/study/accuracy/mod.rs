@@ -81,7 +81,7 @@ pub trait Watch {
     fn done(&mut self, so_far: &Accuracy) -> Result<()>;
 }
 
-/// Runs a study: every case of its plan that is not `known` yet.
+/// Runs a study: every case of its plan that an `earlier` part of it has not run.
 ///
 /// Up to `jobs` cases run at the same time if all are on the native engine, which makes their times
 /// unreliable. A failed run is recorded, and the study goes on.
@@ -92,7 +92,7 @@ pub trait Watch {
 pub fn study(
     scene: &Scene,
     study: &Study,
-    known: Option<Accuracy>,
+    earlier: Option<Accuracy>,
     run: &Runner,
     jobs: usize,
     watch: &mut dyn Watch,
@@ -103,13 +103,13 @@ pub fn study(
     let interval = study.interval(base.time.end).ok_or_else(|| {
         Error::Usage("the steps of the study have no common multiple short enough to compare runs".into())
     })?;
-    let todo = Todo::new(&plan, study, known.as_ref());
+    let todo = Todo::new(&plan, study, earlier.as_ref());
     let together = PART_OF_PERIOD * first_period(base)?;
     let setting = Setting { base, study, interval, together, run };
     let parts = usize::from(todo.reference) + todo.limits.len() + todo.cases.len();
     watch.begins(parts, setting.estimate_seconds(&todo));
 
-    let mut accuracy = known.unwrap_or_else(|| Accuracy::unknown(base, study, interval));
+    let mut accuracy = earlier.unwrap_or_else(|| Accuracy::unknown(base, study, interval));
     accuracy.dropped = plan.dropped.clone();
     accuracy.at_once = accuracy.at_once.max(jobs);
     let reference = if todo.reference { Some(setting.reference(&mut accuracy, watch)?) } else { None };
@@ -117,7 +117,7 @@ pub fn study(
         let (mesh, space) = mesh_and_space(base, grid)?;
         let metric = Metric::new(&mesh, &space, &simulation::sections(base, &mesh)?)?;
         let mut truths: Vec<(Family, Rc<ReferenceSolution>)> = Vec::new();
-        for (_, family) in todo.limits.iter().filter(|(own, _)| *own == grid) {
+        for (_, family) in todo.limits.iter().filter(|(mesh, _)| *mesh == grid) {
             watch.starts(&format!("limit, {}", mesh_name(&grid)));
             match ReferenceSolution::new(base, setting.limit(grid, *family), run) {
                 Ok(truth) => {
@@ -230,7 +230,7 @@ impl Setting<'_> {
         run.whole_error = run.whole.probes.at(accuracy.until).rms / scale;
         if self.study.limits {
             let family = Family::of(&case.method);
-            let truth = truths.iter().find(|(own, _)| *own == family).map(|(_, truth)| truth);
+            let truth = truths.iter().find(|(other, _)| *other == family).map(|(_, truth)| truth);
             let Some((truth, limit)) = truth.zip(accuracy.limit(&case.grid, family)) else {
                 return Err(Error::Usage("its limit could not be computed".into()));
             };
@@ -239,7 +239,8 @@ impl Setting<'_> {
             let error = horizon(time.probes);
             run.at_floor = error < FLOOR * horizon(truth.error.probes);
             (run.time_error, run.space_error) = (Some(error), Some(horizon(limit.space.probes)));
-            run.first_impact_error = taken.first_impact().zip(truth.first_impact).map(|(own, of)| own - of);
+            run.first_impact_error =
+                taken.first_impact().zip(truth.first_impact).map(|(instant, reference)| instant - reference);
             run.time = Some(time);
         }
         if self.study.floor && self.is_finest(&case.grid) {
@@ -254,20 +255,21 @@ impl Setting<'_> {
     fn is_finest(&self, grid: &Grid) -> bool {
         let Study { cells, refinements, .. } = self.study;
         let rectangles = |[nx, ny]: [usize; 2], refine: u32| (nx * ny) << (2 * refine);
-        let own = rectangles(grid.cells, grid.refine);
-        cells.iter().all(|cells| refinements.iter().all(|refine| rectangles(*cells, *refine) <= own))
+        let size = rectangles(grid.cells, grid.refine);
+        cells.iter().all(|cells| refinements.iter().all(|refine| rectangles(*cells, *refine) <= size))
     }
 
     /// Estimates the time of all runs, in s, from the first steps of each method on each mesh.
     ///
     /// Contact costs more than these steps.
     fn estimate_seconds(&self, todo: &Todo) -> f64 {
-        let mut known: Vec<(Case, [f64; 2])> = Vec::new();
+        let mut measured: Vec<(Case, [f64; 2])> = Vec::new();
         let mut seconds = |case: &Case, repetitions: f64| {
             let steps = (self.base.time.end / case.step).round();
-            let same = known.iter().find(|(of, _)| (of.grid, of.method) == (case.grid, case.method));
+            let same =
+                measured.iter().find(|(other, _)| (other.grid, other.method) == (case.grid, case.method));
             let [set_up, step] = same.map_or_else(|| self.first_seconds(case), |(_, seconds)| *seconds);
-            known.push((*case, [set_up, step]));
+            measured.push((*case, [set_up, step]));
             let once = set_up + step * steps;
             let repeated = if once > PATIENCE { 0.0 } else { repetitions.min((PATIENCE / once).ceil()) };
             once * (1.0 + repeated)
@@ -299,8 +301,11 @@ impl Setting<'_> {
         let steps = scene.time.steps() as f64;
         scene.time.end = scene.time.step * steps.min(FORETELLING_STEPS);
         (self.run)(&scene, false).map_or([0.0; 2], |(_, outcome)| {
-            let of = outcome.seconds;
-            [of.assembly + of.equilibrium + of.factor, of.stepping / outcome.steps.max(1) as f64]
+            let seconds = outcome.seconds;
+            [
+                seconds.assembly + seconds.equilibrium + seconds.factor,
+                seconds.stepping / outcome.steps.max(1) as f64,
+            ]
         })
     }
 }
@@ -314,10 +319,10 @@ fn watched(scene: &Scene) -> Result<Scene> {
     scene.output.probes.retain(|probe| probe.quantity == ProbeQuantity::Deflection);
     if scene.output.probes.is_empty() {
         let mesh = simulation::mesh(&scene)?;
-        let extremes = |of: fn(&Point) -> f64| {
+        let extremes = |coordinate: fn(&Point) -> f64| {
             mesh.nodes
                 .iter()
-                .map(of)
+                .map(coordinate)
                 .fold([f64::MAX, f64::MIN], |[least, most], x| [least.min(x), most.max(x)])
         };
         let (x, y) = (extremes(|node| node.x), extremes(|node| node.y));
@@ -325,12 +330,18 @@ fn watched(scene: &Scene) -> Result<Scene> {
         let places = [("left", 0.0), ("middle", 0.5), ("right", 1.0)];
         let heights = [("bottom", 0.0), ("middle", 0.5), ("top", 1.0)];
         let probe = |(across, up): ((&str, f64), (&str, f64))| {
-            let at = Point::new(between(x, across.1), between(y, up.1));
-            let away = |node: &&Point| (**node - at).norm();
-            let node = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&at);
-            let at = if scene.file.is_some() { *node } else { at };
+            let place = Point::new(between(x, across.1), between(y, up.1));
+            let away = |node: &&Point| (**node - place).norm();
+            let node = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&place);
+            let place = if scene.file.is_some() { *node } else { place };
             let name = format!("{} {}", up.0, across.0);
-            Probe { name, at: [at.x, at.y], point: None, ball: None, quantity: ProbeQuantity::Deflection }
+            Probe {
+                name,
+                at: [place.x, place.y],
+                point: None,
+                ball: None,
+                quantity: ProbeQuantity::Deflection,
+            }
         };
         let pairs = places.iter().flat_map(|across| heights.iter().map(|up| (*across, *up)));
         scene.output.probes = pairs.map(probe).collect();
@@ -363,18 +374,19 @@ struct Todo {
 }
 
 impl Todo {
-    fn new(plan: &Plan, study: &Study, known: Option<&Accuracy>) -> Todo {
-        let failed = |what: String| known.is_some_and(|known| known.failures.iter().any(|f| f.what == what));
+    fn new(plan: &Plan, study: &Study, earlier: Option<&Accuracy>) -> Todo {
+        let failed =
+            |what: String| earlier.is_some_and(|earlier| earlier.failures.iter().any(|f| f.what == what));
         let measured =
-            |case: &Case| known.is_some_and(|known| known.runs.iter().any(|run| run.case == *case));
+            |case: &Case| earlier.is_some_and(|earlier| earlier.runs.iter().any(|run| run.case == *case));
         let is_left = |case: &&Case| !measured(case) && !failed(case.to_string());
         let cases: Vec<Case> = plan.cases.iter().filter(is_left).copied().collect();
-        let (mut limits, mut reference) = (Vec::new(), known.is_none());
+        let (mut limits, mut reference) = (Vec::new(), earlier.is_none());
         for &grid in plan.grids.iter().filter(|_| study.limits) {
             let always = (study.reference_mass == Mass::Singular).then_some(Family::Singular);
             let of_methods = plan.cases.iter().filter(|case| case.grid == grid);
             for family in always.into_iter().chain(of_methods.map(|case| Family::of(&case.method))) {
-                let is_known = known.is_some_and(|known| known.limit(&grid, family).is_some());
+                let is_known = earlier.is_some_and(|earlier| earlier.limit(&grid, family).is_some());
                 let is_needed =
                     cases.iter().any(|case| case.grid == grid && Family::of(&case.method) == family);
                 let is_over = is_known || failed(format!("limit, {}, {family}", mesh_name(&grid)));

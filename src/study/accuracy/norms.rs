@@ -65,8 +65,8 @@ impl<S: Sections> Sections for OfUnitDensity<'_, S> {
         self.0.kind(cell)
     }
 
-    fn section(&self, cell: usize, at: Point) -> Result<Section> {
-        Ok(Section { density: 1.0, ..self.0.section(cell, at)? })
+    fn section(&self, cell: usize, point: Point) -> Result<Section> {
+        Ok(Section { density: 1.0, ..self.0.section(cell, point)? })
     }
 }
 
@@ -92,15 +92,15 @@ impl Points {
     /// `sections`.
     pub fn new(mesh: &Mesh, sections: &impl Sections) -> Result<Points> {
         let mut points = Points { at: Vec::new(), weights: Vec::new(), bending: Vec::new() };
-        let mut add = |cell: usize, at: Point, area: f64| -> Result<()> {
-            points.at.push(at);
+        let mut add = |cell: usize, point: Point, area: f64| -> Result<()> {
+            points.at.push(point);
             points.weights.push(area);
-            points.bending.push(sections.section(cell, at)?.bending);
+            points.bending.push(sections.section(cell, point)?.bending);
             Ok(())
         };
         for cell in 0..mesh.cells.len() {
             let nodes = mesh.element(cell)?.quadrature((&quadrature::DEGREE_3).into());
-            nodes.into_iter().try_for_each(|(at, area)| add(cell, at, area))?;
+            nodes.into_iter().try_for_each(|(point, area)| add(cell, point, area))?;
         }
         Ok(points)
     }
@@ -124,9 +124,9 @@ impl Points {
 }
 
 /// Returns the jet of a basis function.
-fn jet(of: BasisFunction) -> Jet {
-    let [xx, xy, yy] = of.hessian;
-    [of.value, xx, xy, yy]
+fn jet(function: BasisFunction) -> Jet {
+    let [xx, xy, yy] = function.hessian;
+    [function.value, xx, xy, yy]
 }
 
 /// Evaluation of the displacements of a space at fixed points.
@@ -159,9 +159,9 @@ impl Sampler {
 
     /// Returns the jets of a displacement, one per point.
     pub fn jets(&self, u: &[f64]) -> Vec<Jet> {
-        let at = |basis: &Vec<(usize, Jet)>| {
+        let jet = |basis: &Vec<(usize, Jet)>| {
             basis.iter().fold([0.0; 4], |sum, (dof, jet)| std::array::from_fn(|i| sum[i] + u[*dof] * jet[i]))
         };
-        self.points.iter().map(at).collect()
+        self.points.iter().map(jet).collect()
     }
 }

@@ -83,8 +83,8 @@ impl<'a> OnMesh<'a> {
     /// Creates one curve per method; names are left out where a panel above shows them.
     fn curves(&self, named: bool, point: impl Fn(&Run) -> [f64; 2]) -> Vec<Curve> {
         let of_method = |(number, method): (usize, Method)| {
-            let own = self.runs.iter().filter(|run| run.case.method == method);
-            let points: Vec<[f64; 2]> = own.map(|run| point(run)).collect();
+            let of_method = self.runs.iter().filter(|run| run.case.method == method);
+            let points: Vec<[f64; 2]> = of_method.map(|run| point(run)).collect();
             curve(number, &short(&method), named, points)
         };
         methods(self.runs.iter().copied()).into_iter().enumerate().map(of_method).collect()
@@ -144,7 +144,8 @@ impl<'a> OnMesh<'a> {
                 .curves(stepping.curves(number == 0, point));
             let positive = |[x, y]: &[f64; 2]| *x > 0.0 && *y > 0.0;
             let points: Vec<[f64; 2]> = stepping.runs.iter().map(|run| point(run)).filter(positive).collect();
-            let extreme = |axis: usize, of: fn(f64, f64) -> f64| points.iter().map(|p| p[axis]).reduce(of);
+            let extreme =
+                |axis: usize, pick: fn(f64, f64) -> f64| points.iter().map(|p| p[axis]).reduce(pick);
             let extremes = extreme(0, f64::min).zip(extreme(0, f64::max)).zip(extreme(1, f64::max));
             if let Some(((least, most), largest)) = extremes {
                 // Both lines pass through the upper right; their labels stand where they are apart.
@@ -174,12 +175,12 @@ fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
     let points = |runs: &[&Run]| {
         front(runs, Ranked::Whole).into_iter().map(|run| [run.seconds(), run.error()]).collect()
     };
-    let all: Vec<&Run> = accuracy.runs.iter().collect();
+    let runs: Vec<&Run> = accuracy.runs.iter().collect();
     let of_mesh =
         |(number, mesh): (usize, &String)| curve(number, mesh, true, points(&accuracy.runs_on(mesh)));
     let name = if accuracy.limits.is_empty() { "relative error" } else { "relative error, time and space" };
     let panel = panel(Axis::log("time", "s"), name, report::horizon_words(accuracy.until), 150.0)
-        .curve(front_curve(points(&all)))
+        .curve(front_curve(points(&runs)))
         .curves(meshes.iter().enumerate().map(of_mesh));
     with_floor(panel, accuracy.floor().map(|floor| floor.deflection))
 }
@@ -199,11 +200,11 @@ fn with_floor(panel: Panel, floor: Option<f64>) -> Panel {
 fn after_impact(accuracy: &Accuracy) -> Vec<Panel> {
     let scale = accuracy.scales.deflection;
     let floor = accuracy.floor();
-    let of_floor = |of: fn(&Floor) -> Option<f64>| floor.as_ref().and_then(of);
+    let of_floor = |part: fn(&Floor) -> Option<f64>| floor.as_ref().and_then(part);
     let mut methods: Vec<(String, Vec<&Run>)> = Vec::new();
     for run in &accuracy.runs {
         let name = short(&Method { modes: None, ..run.case.method });
-        match methods.iter_mut().find(|(known, _)| *known == name) {
+        match methods.iter_mut().find(|(other, _)| *other == name) {
             Some((_, runs)) => runs.push(run),
             None => methods.push((name, vec![run])),
         }
@@ -249,10 +250,10 @@ fn cost(accuracy: &Accuracy) -> Vec<Panel> {
     let methods = methods(&accuracy.runs);
     let of_element = |(place, &element): (usize, &ElementKind)| {
         let of_method = |(number, &method): (usize, &Method)| {
-            let of = |run: &&Run| run.case.method == method && run.case.grid.element == element;
-            let own: Vec<&Run> = accuracy.runs.iter().filter(of).collect();
-            let smallest = own.iter().map(|run| run.case.step).fold(f64::INFINITY, f64::min);
-            let mut points: Vec<[f64; 2]> = own
+            let is_drawn = |run: &&Run| run.case.method == method && run.case.grid.element == element;
+            let drawn: Vec<&Run> = accuracy.runs.iter().filter(is_drawn).collect();
+            let smallest = drawn.iter().map(|run| run.case.step).fold(f64::INFINITY, f64::min);
+            let mut points: Vec<[f64; 2]> = drawn
                 .iter()
                 .filter(|run| run.case.step == smallest)
                 .map(|run| [run.dofs as f64, run.stepping_seconds])

@@ -138,7 +138,7 @@ impl Case {
     /// Returns whether all of some words, separated by spaces, are in the name.
     fn has(&self, words: &str) -> bool {
         let name = self.to_string().replace(',', "");
-        words.split_whitespace().all(|word| name.split_whitespace().any(|own| own == word))
+        words.split_whitespace().all(|word| name.split_whitespace().any(|part| part == word))
     }
 }
 
@@ -209,7 +209,7 @@ impl Plan {
             for &cells in &study.cells {
                 for &refine in &study.refinements {
                     let grid = scene.mesh.with(element, cells, refine);
-                    if !grids.iter().any(|known| mesh_name(known) == mesh_name(&grid)) {
+                    if !grids.iter().any(|other| mesh_name(other) == mesh_name(&grid)) {
                         grids.push(grid);
                     }
                 }
@@ -228,8 +228,8 @@ impl Plan {
                 }
                 // A scheme without a step of its own runs once, with the instants of comparison as
                 // steps.
-                let own = if method.scheme.name().has_step() { &steps[..] } else { &[interval] };
-                cases.extend(own.iter().map(|&step| Case { grid, method, step }));
+                let steps = if method.scheme.name().has_step() { &steps[..] } else { &[interval] };
+                cases.extend(steps.iter().map(|&step| Case { grid, method, step }));
             }
         }
         for words in &study.skip {

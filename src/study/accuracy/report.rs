@@ -160,11 +160,11 @@ impl Accuracy {
     fn write_orders(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let mut table = Table::new(&["order in time", "mesh", "up to\nimpact 1", "\nimpact 2", "\nend"]);
         let mut any = false;
-        for of in self.time_orders() {
-            let orders = [of.first_impact, of.second_impact, of.end];
+        for row in self.time_orders() {
+            let orders = [row.first_impact, row.second_impact, row.end];
             if orders.iter().any(Option::is_some) {
                 any = true;
-                let mut cells = vec![of.method, of.mesh];
+                let mut cells = vec![row.method, row.mesh];
                 cells.extend(orders.map(order));
                 table.row(cells);
             }
@@ -175,9 +175,10 @@ impl Accuracy {
         let orders = self.space_orders();
         if !orders.is_empty() {
             let mut table = Table::new(&["order in space, singular mass", "deflection", "energy norm"]);
-            for of in orders {
-                let family = if of.family == "singular" { String::new() } else { format!(", {}", of.family) };
-                table.row([of.meshes.join(" to ") + &family, order(of.l2), order(of.energy)]);
+            for row in orders {
+                let family =
+                    if row.family == "singular" { String::new() } else { format!(", {}", row.family) };
+                table.row([row.meshes.join(" to ") + &family, order(row.l2), order(row.energy)]);
             }
             write!(f, "\n{table}")?;
         }
@@ -264,12 +265,12 @@ fn is_at_floor(run: &Run, floor: Option<&Floor>) -> bool {
 }
 
 /// Formats the root mean squares of the three parts, divided by a scale.
-fn parts(of: &Parts<Deviation>, scale: f64) -> [String; 3] {
+fn parts(deviations: &Parts<Deviation>, scale: f64) -> [String; 3] {
     let relative = |d: Deviation| d.rms / scale;
     [
-        small(of.first_impact.map(relative)),
-        small(of.second_impact.map(relative)),
-        small(Some(relative(of.end))),
+        small(deviations.first_impact.map(relative)),
+        small(deviations.second_impact.map(relative)),
+        small(Some(relative(deviations.end))),
     ]
 }
 
@@ -360,9 +361,9 @@ impl Accuracy {
             #[serde(flatten)]
             accuracy: Accuracy,
         }
-        let known: Stopped = serde_json::from_slice(json).ok()?;
-        let same = known.version == env!("CARGO_PKG_VERSION") && known.scene == scene;
-        (same && !known.accuracy.complete).then_some(known.accuracy)
+        let stopped: Stopped = serde_json::from_slice(json).ok()?;
+        let same = stopped.version == env!("CARGO_PKG_VERSION") && stopped.scene == scene;
+        (same && !stopped.accuracy.complete).then_some(stopped.accuracy)
     }
 
     /// Returns the cheapest run at each accuracy.
@@ -376,8 +377,8 @@ impl Accuracy {
             (format!("cheapest on {mesh}: {}, {words}", axis_words(axis)), runs, axis)
         };
         let mut groups: Vec<(String, Vec<&Run>, Axis)> = self.meshes().iter().map(on_mesh).collect();
-        let all = format!("cheapest of all: error in time and space, {words}");
-        groups.push((all, self.runs.iter().collect(), Axis::Whole));
+        let heading = format!("cheapest of all: error in time and space, {words}");
+        groups.push((heading, self.runs.iter().collect(), Axis::Whole));
         let choices = |(among, runs, axis): (String, Vec<&Run>, Axis)| {
             let front = front(&runs, axis);
             ACCURACIES.map(|accuracy| {

@@ -156,11 +156,11 @@ pub struct Parts<T> {
 
 impl<T: Copy> Parts<T> {
     /// Computes one value per part, from the instants at which impacts of the reference begin.
-    pub(super) fn new(impacts: &[f64], of: impl Fn(f64) -> T) -> Parts<T> {
+    pub(super) fn new(impacts: &[f64], value: impl Fn(f64) -> T) -> Parts<T> {
         Parts {
-            first_impact: impacts.first().map(|&end| of(end)),
-            second_impact: impacts.get(1).map(|&end| of(end)),
-            end: of(f64::INFINITY),
+            first_impact: impacts.first().map(|&end| value(end)),
+            second_impact: impacts.get(1).map(|&end| value(end)),
+            end: value(f64::INFINITY),
         }
     }
 
@@ -176,11 +176,11 @@ impl<T: Copy> Parts<T> {
     }
 
     /// Applies a function to each part.
-    pub fn map<U>(&self, of: impl Fn(T) -> U) -> Parts<U> {
+    pub fn map<U>(&self, function: impl Fn(T) -> U) -> Parts<U> {
         Parts {
-            first_impact: self.first_impact.map(&of),
-            second_impact: self.second_impact.map(&of),
-            end: of(self.end),
+            first_impact: self.first_impact.map(&function),
+            second_impact: self.second_impact.map(&function),
+            end: function(self.end),
         }
     }
 }
@@ -219,7 +219,8 @@ impl Distance {
         let probes = parts(&differences(&run.probes, &reference.probes));
         let mut distance = Distance { probes, ..Distance::default() };
         let Some(norms) = norms else { return distance };
-        let column = |of: fn(&Norms) -> f64| norms.iter().map(|norms| vec![of(norms)]).collect::<Vec<_>>();
+        let column =
+            |norm: fn(&Norms) -> f64| norms.iter().map(|norms| vec![norm(norms)]).collect::<Vec<_>>();
         distance.l2 = Some(parts(&column(|norms| norms.l2)));
         distance.energy = Some(parts(&column(|norms| norms.energy)));
         for &instant in instants {

@@ -156,15 +156,15 @@ impl ReferenceSolution {
             }
             _ => vec![],
         };
-        let found = first.into_iter().find_map(|method| {
+        let exact = first.into_iter().find_map(|method| {
             let computed = computed(method);
             if let Err(error) = &computed {
                 refused.push(format!("{method}: {error}"));
             }
             computed.ok()
         });
-        let (source, trajectory, outcome, coarse) = match found {
-            Some(found) => found,
+        let (source, trajectory, outcome, coarse) = match exact {
+            Some(exact) => exact,
             None => computed(last)?,
         };
         let impacts = impacts(&outcome.contacts, together);

@@ -107,8 +107,8 @@ pub struct BestRun {
 
 /// Keeps a run if it is the best one of its mass.
 pub(super) fn keep_best(best: &mut Vec<BestRun>, run: BestRun) {
-    match best.iter_mut().find(|known| known.mass == run.mass) {
-        Some(known) if run.error < known.error => *known = run,
+    match best.iter_mut().find(|other| other.mass == run.mass) {
+        Some(other) if run.error < other.error => *other = run,
         Some(_) => {}
         None => best.push(run),
     }
