@@ -93,6 +93,9 @@ fn add_extremes(report: &mut Report, outcome: &Outcome) {
             .number("largest von Mises stress", value, "Pa")
             .text("  at", format!("{}, {} surface, {}", place(point), side, seconds(time)));
     }
+    for (name, energy) in &outcome.dissipated {
+        report.number(format!("dissipated by {name}"), *energy, "J");
+    }
     for (name, force) in &outcome.forces {
         match force {
             NamedForce::Support(forces) => {

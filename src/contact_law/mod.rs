@@ -6,8 +6,10 @@
 //! [`ContactLaw`]; solvers and schemes know the trait only.
 
 mod hertz;
+mod slider;
 
 pub use hertz::Hertz;
+pub use slider::Slider;
 
 use std::fmt::Debug;
 use std::sync::Arc;

@@ -251,7 +251,7 @@ pub(super) fn read(doc: &Document, places: &PlaceReader) -> Result<Attachments> 
 
 /// Reads the tables `[[name]]`, which take these keys and need those in `needs`; `read` gets the
 /// path of one table.
-fn read_tables<T>(
+pub(super) fn read_tables<T>(
     doc: &Document,
     name: &str,
     needs: &str,

@@ -1,6 +1,7 @@
 //! Contents of a scene.
 
 use super::attachments::Attachments;
+use super::slider::Slider;
 use super::study::Study;
 use super::sweep::SweepSpec;
 use super::tables::{
@@ -32,6 +33,8 @@ pub struct Scene {
     pub load: Option<Load>,
     /// Foundations, springs, masses and balls.
     pub attachments: Attachments,
+    /// Dry friction at nodes.
+    pub sliders: Vec<Slider>,
     /// Damping; `None` costs nothing.
     pub damping: Option<Damping>,
     /// Initial state.

@@ -2,8 +2,8 @@
 
 use super::document::{Document, quote};
 use super::{
-    ContactSolver, EngineName, FORCE_COLUMNS, Initial, LinearSolver, Mass, Obstacle, Probe, ProbeQuantity,
-    Scene, SchemeSpec, Side, StartFrom,
+    ContactSolver, EngineName, FORCE_COLUMNS, Initial, LinearSolver, Mass, Massless, Obstacle, Probe,
+    ProbeQuantity, Scene, SchemeSpec, Side, StartFrom,
 };
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
@@ -24,6 +24,8 @@ fn check_names(doc: &Document, scene: &Scene) -> Result<()> {
     let supports = scene.supports.iter().enumerate().map(|(k, of)| (format!("support.{k}.name"), &of.name));
     let obstacles = scene.obstacles.iter().enumerate();
     let named = supports.chain(obstacles.map(|(k, of)| (format!("obstacle.{k}.name"), &of.name)));
+    let sliders = scene.sliders.iter().enumerate();
+    let named = named.chain(sliders.map(|(k, of)| (format!("slider.{k}.name"), &of.name)));
     let mut known: Vec<(String, &String)> = Vec::new();
     for (key, name) in named {
         let Some(name) = name else { continue };
@@ -72,6 +74,9 @@ fn check_from(doc: &Document, scene: &Scene) -> Result<()> {
     if !scene.attachments.balls.is_empty() {
         return refuse("does not record balls; expected a scene without [[ball]]");
     }
+    if !scene.sliders.is_empty() {
+        return refuse("does not record how far sliders have slipped; expected a scene without [[slider]]");
+    }
     if scene.motions().next().is_some() {
         return refuse("does not record supports that move; expected a scene whose supports stand still");
     }
@@ -102,6 +107,44 @@ fn check_accelerations(doc: &Document, scene: &Scene) -> Result<()> {
         let wrong = "\"acceleration\" has no meaning with time.mass = \"singular\", whose velocities are means over cells; \
                      expected another quantity, or time.mass = \"consistent\" or \"modal\"";
         Err(doc.fault(&format!("output.probes.{index}.quantity"), wrong))
+    })
+}
+
+/// Refuses what dry friction excludes.
+fn check_sliders(doc: &Document, scene: &Scene) -> Result<()> {
+    let name = scene.time.scheme.name();
+    let wrong = match scene.time.scheme {
+        scheme if !scheme.capabilities().takes_friction => Some((
+            "time.scheme",
+            format!(
+                "\"{name}\" keeps the energy, which a [[slider]] dissipates; expected \"newmark\" or \"midpoint\""
+            ),
+        )),
+        scheme if scheme.restitution().is_some_and(|e| e > 0.0) => Some((
+            "time.restitution",
+            "makes the node of a [[slider]] rebound where it should stick; expected 0".into(),
+        )),
+        SchemeSpec::Midpoint { massless: Massless::Equilibrium } if scene.time.mass == Mass::Singular => {
+            Some((
+                "time.massless",
+                "\"equilibrium\" takes no [[slider]]; expected \"reflected\", or time.scheme = \"newmark\""
+                    .into(),
+            ))
+        }
+        _ if scene.time.mass == Mass::Modal => Some((
+            "time.mass",
+            "\"modal\" takes no [[slider]]; expected \"singular\" or \"consistent\"".into(),
+        )),
+        _ => None,
+    };
+    if let Some((key, wrong)) = wrong {
+        return Err(doc.fault(key, wrong));
+    }
+    scene.motions().next().map_or(Ok(()), |motion| {
+        Err(doc.fault(
+            &motion.key,
+            "contradicts [[slider]], whose anchor is the ground; expected supports at rest",
+        ))
     })
 }
 
@@ -159,6 +202,9 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
              expected \"linear\", or time.scheme = \"conserving\", \"midpoint\" or \"newmark\""
         );
         return Err(doc.fault(&key, wrong));
+    }
+    if !scene.sliders.is_empty() {
+        check_sliders(doc, scene)?;
     }
     let has_tips = scene.compliances().any(|(_, of)| of.has_tip());
     if let (SchemeSpec::Newmark { beta: 0.25, .. }, true) = (scene.time.scheme, has_tips) {

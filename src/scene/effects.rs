@@ -27,6 +27,7 @@ impl Scene {
         add(self.compliances().any(|(_, of)| of.has_tip()), "compliant stops");
         add(self.yielding_stop().is_some(), "stops by the law of Hertz");
         add(self.stop_damping().is_some(), "damping of stops");
+        add(!self.sliders.is_empty(), "dry friction");
         add(self.motions().next().is_some(), "moving supports");
         if let Some(load) = &self.load {
             add(load.gravity != 0.0, "gravity");

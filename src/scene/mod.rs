@@ -36,6 +36,7 @@ mod quantity;
 mod read;
 mod resolved;
 mod schema;
+mod slider;
 mod study;
 mod sweep;
 mod tables;
@@ -60,6 +61,7 @@ pub use given::{FieldInput, Region, Still, Value};
 pub use quantity::{ProbeQuantity, StressComponent};
 pub use schema::schema;
 use serde::{Serialize, Serializer};
+pub use slider::Slider;
 use std::path::Path;
 pub use study::{Horizon, Study};
 pub use sweep::{SweepOrder, SweepSpec, SweptKey};
@@ -127,8 +129,8 @@ impl Scene {
         self.study.clone().unwrap_or_else(|| Study::of(&self.mesh, &self.time, &self.solver))
     }
 
-    /// Returns the columns of `history.csv` for named supports, then for named obstacles, in the
-    /// order of the scene.
+    /// Returns the columns of `history.csv` for named supports, named obstacles and named sliders,
+    /// in the order of the scene.
     pub fn force_columns(&self) -> Vec<String> {
         let columns = |name: &String, count: usize| {
             FORCE_COLUMNS[..count].iter().map(|of| format!("{of}_{name}")).collect::<Vec<_>>()
@@ -136,7 +138,15 @@ impl Scene {
         let supports = self.supports.iter().filter_map(|support| support.name.as_ref());
         let obstacles = self.obstacles.iter().filter_map(|obstacle| obstacle.name.as_ref());
         let of_supports = supports.flat_map(|name| columns(name, 4));
-        of_supports.chain(obstacles.flat_map(|name| columns(name, 2))).collect()
+        let sliders = self.sliders.iter().filter_map(|slider| slider.name.as_ref());
+        let of_obstacles = obstacles.flat_map(|name| columns(name, 2));
+        of_supports.chain(of_obstacles).chain(sliders.flat_map(|name| columns(name, 1))).collect()
+    }
+
+    /// Returns the names of all sliders, or the keys of those without one.
+    pub fn slider_names(&self) -> impl Iterator<Item = String> {
+        let name = |(number, of): (usize, &Slider)| of.name.clone().unwrap_or(format!("slider.{number}"));
+        self.sliders.iter().enumerate().map(name)
     }
 
     /// Returns the FNV-1a hash of the scene and of the values in its tables, in 16 hexadecimal

@@ -1,7 +1,7 @@
 //! Resolved scene as TOML, aligned and commented, and its hash.
 
 use super::toml_text::{
-    Row, compliance, formula, given, number, numbers, place, region, section, string, word, words,
+    Row, compliance, formula, given, name, number, numbers, place, region, section, string, word, words,
 };
 use super::{
     ContactSolver, ElasticEdge, ElementKind, FieldInput, Initial, Mass, MeshFile, Output, Plate, PlateSpec,
@@ -54,6 +54,7 @@ pub(super) fn text(scene: &Scene, found: bool) -> String {
     for (header, rows) in scene.attachments.tables(found) {
         section(header, &rows);
     }
+    scene.sliders.iter().for_each(|slider| section("[[slider]]", &slider.rows()));
     if let Some(damping) = &scene.damping {
         let mut rows = vec![
             ("mass", number(damping.mass), "1/s, Rayleigh's alpha"),
@@ -138,10 +139,6 @@ fn mesh(scene: &Scene, found: bool) -> Vec<Row> {
     rows.extend(grid.diagonal.map(|diagonal| ("diagonal", word(diagonal), "right | left | alternating")));
     rows.push(("refine", grid.refine.to_string(), "uniform refinements after that"));
     rows
-}
-
-fn name(name: Option<&String>) -> Vec<Row> {
-    name.map(|name| ("name", string(name), "")).into_iter().collect()
 }
 
 fn support(support: &Support, found: bool) -> Vec<Row> {

@@ -89,3 +89,8 @@ pub(super) fn word(choice: impl Choice) -> String {
 pub(super) fn string(text: &str) -> String {
     toml::Value::from(text).to_string()
 }
+
+/// Formats the name of a support, an obstacle or a slider, if it has one.
+pub(super) fn name(name: Option<&String>) -> Vec<Row> {
+    name.map(|name| ("name", string(name), "")).into_iter().collect()
+}

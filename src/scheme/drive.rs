@@ -4,6 +4,7 @@
 //! store loads and bounds at the instants of one step only: two for the midpoint rule, three for
 //! Newmark.
 
+use super::sliding::Slider;
 use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -137,7 +138,7 @@ fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f6
     Ok(engine.comm().all_reduce_sum_slice(&own))
 }
 
-/// Time-dependent loads, obstacles and supports, and modal damping. All processes evaluate them at
+/// Time-dependent loads, obstacles and supports, modal damping and friction. All processes evaluate them at
 /// the same instants.
 #[derive(Default)]
 pub struct TimeDependence {
@@ -153,6 +154,8 @@ pub struct TimeDependence {
     pub modal: Option<ModalDamping>,
     /// Damping of compliant stops, in N s/m: what it adds to Rayleigh's damping of their springs.
     pub dashpots: Option<Form>,
+    /// Dry friction at bounded dofs of this rank; `None` where no rank has any.
+    pub sliders: Option<Vec<Slider>>,
 }
 
 /// Motion of supports, and the quasi-static shape that it gives the plate per metre.

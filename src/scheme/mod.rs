@@ -36,6 +36,7 @@ pub mod modal;
 pub mod newmark;
 pub mod registry;
 mod relaxation;
+mod sliding;
 mod state;
 mod step_driver;
 
@@ -50,6 +51,7 @@ pub use midpoint::{Massless, Midpoint};
 pub use modal::ModalScheme;
 pub use newmark::{Newmark, NewmarkParameters};
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};
+pub use sliding::{Friction, Slider};
 
 use crate::archive::{Archive, Numbers, VectorKind};
 use crate::communicator::Communicator;
@@ -405,6 +407,11 @@ pub trait Scheme {
     /// Returns the record of the step to the present instant. Each scheme states the instant that
     /// its reactions belong to.
     fn record(&self) -> &StepRecord;
+
+    /// Returns forces and dissipated energies of this rank's sliders.
+    fn friction(&self) -> Vec<Friction> {
+        Vec::new()
+    }
 
     /// Returns [`StepRecord::step`].
     fn step(&self) -> u64 {

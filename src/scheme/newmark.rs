@@ -48,6 +48,7 @@ pub mod start;
 mod stiffness_force;
 
 use super::drive::ModalDamping;
+use super::sliding::Sliding;
 use super::step_driver::{Formulas, StepDriver};
 use super::{StepRecord, System};
 use crate::error::Result;
@@ -162,12 +163,13 @@ impl<E: Engine> Levels<'_, E> {
         self.instants.as_mut().map_or(Ok(()), |instants| instants.advance(self.system, next))
     }
 
-    /// Sets the energy that bounds which yield store in the bounded configuration of the step.
-    /// Collective.
-    fn store(&mut self, admissible: &[f64]) -> Result<()> {
+    /// Sets the energy that bounds which yield, and the springs of sliders, store in the bounded
+    /// configuration of the step. Collective.
+    fn store(&mut self, admissible: &[f64], sliding: Option<&Sliding>) -> Result<()> {
         if !self.system.bounds.laws.are_rigid() {
-            let own = self.limits().stored_energy(|bound| admissible[bound]);
-            self.stored = [self.stored[1], self.system.total(own)?];
+            let of_bounds = self.limits().stored_energy(|bound| admissible[bound]);
+            let of_sliders = sliding.map_or(0.0, Sliding::stored);
+            self.stored = [self.stored[1], self.system.total(of_bounds + of_sliders)?];
         }
         Ok(())
     }

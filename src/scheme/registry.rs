@@ -45,6 +45,8 @@ pub struct Capabilities {
     pub takes_stop_damping: bool,
     /// Whether bounds may yield by laws of contact.
     pub takes_laws: bool,
+    /// Whether sliders may dissipate energy.
+    pub takes_friction: bool,
     /// Whether loads, obstacles and supports may depend on time.
     pub takes_time_dependence: bool,
     /// Whether the scheme runs on several processes.
@@ -66,6 +68,7 @@ const NEWMARK: Capabilities = Capabilities {
     takes_any_damping: true,
     takes_stop_damping: true,
     takes_laws: true,
+    takes_friction: true,
     takes_time_dependence: true,
     is_distributed: true,
     is_event_driven: false,
@@ -90,6 +93,7 @@ const CONSERVING: Capabilities = Capabilities {
     ),
     takes_any_damping: false,
     takes_stop_damping: false,
+    takes_friction: false,
     keeps_energy: true,
     factors: [2, 2],
     ..NEWMARK
@@ -102,6 +106,7 @@ const EXACT: Capabilities = Capabilities {
     takes_any_damping: false,
     takes_stop_damping: false,
     takes_laws: false,
+    takes_friction: false,
     takes_time_dependence: false,
     is_distributed: false,
     is_event_driven: true,

@@ -12,6 +12,7 @@
 
 use super::drive::ModalDamping;
 use super::feedback::Feedback;
+use super::sliding::Sliding;
 use super::{StepRecord, System};
 use crate::archive::Archive;
 use crate::error::Result;
@@ -56,6 +57,8 @@ pub(super) struct StepDriver<'s, E: Engine> {
     product: Vec<f64>,
     has_product: bool,
     feedback: Option<Feedback>,
+    /// Sliders; `None` where no rank has any.
+    pub sliding: Option<Sliding>,
     /// Bounds on x, in m.
     bounds: Bounds,
     /// Modal velocities of the last step, present after the first step with modal damping.
@@ -93,6 +96,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             product: vec![0.0; engine.dofs()],
             has_product: false,
             feedback: None,
+            sliding: None,
             bounds: bounds.clone(),
             modal_velocities: None,
             damped: None,
@@ -134,7 +138,24 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let feeds = self.feedback.as_mut().is_some_and(begin);
         self.solver.set_feeding(feeds);
         self.solve_for_right_hand_side(formulas)?;
-        if may_feed && self.feedback.is_some() { self.take_residual(formulas, feeds) } else { Ok(()) }
+        if may_feed && self.feedback.is_some() {
+            self.take_residual(formulas, feeds)?;
+        }
+        self.slip(formulas);
+        Ok(())
+    }
+
+    /// Anchors relaxed sliders at displacements (m) before the first step; see [`Sliding::new`].
+    pub fn anchor_sliders(&mut self, u: &[f64], extent: f64) {
+        let sliders = self.system.drive.sliders.as_ref();
+        self.sliding = sliders.map(|sliders| Sliding::new(sliders, &self.bounds, u, extent));
+    }
+
+    /// Moves the anchors of the sliders by the answer to a step.
+    fn slip(&mut self, formulas: &impl Formulas<E>) {
+        let StepDriver { sliding: Some(sliding), bounds, x, reaction, .. } = self else { return };
+        let ([c, s], u, d) = (formulas.bounded_configuration(), formulas.displacement(), formulas.known());
+        sliding.slip(bounds, reaction, |dof| u[dof] + (c * x[dof] + s * d[dof]), |dof| u[dof]);
     }
 
     /// Takes what the answer to a step misses, for the steps after it. Where its right-hand side
@@ -172,6 +193,10 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let weights @ [rate, _] = formulas.bounded_configuration();
         self.bounds.pull_back(limits, [formulas.displacement(), formulas.known()], weights);
         self.bounds.laws.rate = rate;
+        if let Some(sliding) = &self.sliding {
+            let ([c, s], u, d) = (weights, formulas.displacement(), formulas.known());
+            sliding.bound(&mut self.bounds, |dof| u[dof] + s * d[dof], c);
+        }
         let problem = Problem {
             matrix: &self.matrix,
             rhs: &self.b,
@@ -243,6 +268,8 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         archive.value(&mut self.modal_velocities)?;
         archive.value(&mut self.damped)?;
         self.feedback.as_mut().map_or(Ok(()), |feedback| feedback.archive(archive))?;
+        let bounds = self.bounds.len();
+        self.sliding.as_mut().map_or(Ok(()), |sliding| sliding.archive(bounds, archive))?;
         self.solver.archive(&self.system.engine, &self.matrix, &self.system.bounds, archive)
     }
 

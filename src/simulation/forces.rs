@@ -123,6 +123,8 @@ pub(super) struct ForceRecorder {
     /// Name and index of each named obstacle.
     obstacles: Vec<(String, usize)>,
     records: Vec<ObstacleRecord>,
+    /// Forces of all sliders at the last step, in N, and whether each has a name.
+    sliders: Vec<(f64, bool)>,
 }
 
 impl ForceRecorder {
@@ -138,6 +140,7 @@ impl ForceRecorder {
             attribution: model.attribution.clone(),
             records: vec![ObstacleRecord::default(); obstacles.len()],
             obstacles,
+            sliders: scene.sliders.iter().map(|of| (0.0, of.name.is_some())).collect(),
         }
     }
 
@@ -153,6 +156,10 @@ impl ForceRecorder {
         events: &[Event],
     ) -> Result<()> {
         self.note_supports(scene, model, scheme)?;
+        if !self.sliders.is_empty() {
+            let friction = model.friction(scene, scheme).into_iter();
+            self.sliders.iter_mut().zip(friction).for_each(|(slider, [force, _])| slider.0 = force);
+        }
         self.note_obstacles(scene, model, scheme, events)
     }
 
@@ -254,7 +261,8 @@ impl ForceRecorder {
     pub fn take_columns(&mut self) -> Vec<f64> {
         let columns = |record: &mut ObstacleRecord| [record.force, std::mem::take(&mut record.impulse)];
         let supports = self.reactions.iter_mut().flat_map(SupportRecord::take_columns);
-        supports.chain(self.records.iter_mut().flat_map(columns)).collect()
+        let sliders = self.sliders.iter().filter(|(_, is_named)| *is_named).map(|(force, _)| *force);
+        supports.chain(self.records.iter_mut().flat_map(columns)).chain(sliders).collect()
     }
 
     /// Returns the forces by name up to an instant (s).

@@ -64,7 +64,7 @@ use crate::mesh::{Mesh, Point};
 use crate::partition::{Partition, WholeMesh};
 use crate::plate::Sections;
 use crate::scene::{ContactSolver, EngineName, Mass, Scene};
-use crate::scheme::{Scheme, Start, StepBalance, System};
+use crate::scheme::{Friction, Scheme, Start, StepBalance, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
 use effects::{Attribution, BuildContext, Effects, OfCells, Reactions};
@@ -329,6 +329,15 @@ impl<E: Engine> Model<E> {
     /// its nodes. Collective.
     fn sum_reactions(&self, reactions: &Reactions, at_nodes: &[f64]) -> Vec<[f64; 3]> {
         self.system.engine.comm().all_reduce_sum_slice(&reactions.sums(at_nodes))
+    }
+
+    /// Returns force (N) and dissipated energy (J) of each slider of the scene. Collective.
+    pub fn friction(&self, scene: &Scene, scheme: &dyn Scheme) -> Vec<[f64; 2]> {
+        let mut sums = vec![[0.0; 2]; scene.sliders.len()];
+        for Friction { number, force, dissipated } in scheme.friction() {
+            sums[number] = [force, dissipated];
+        }
+        self.system.engine.comm().all_reduce_sum_slice(sums.as_flattened()).as_chunks().0.to_vec()
     }
 
     /// Starts a search for the largest von Mises stress; `None` unless the scene asks for extremes.

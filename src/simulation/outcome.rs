@@ -152,6 +152,9 @@ pub struct Outcome {
     /// Forces by named support and obstacle.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub forces: BTreeMap<String, NamedForce>,
+    /// Energy that each slider has dissipated, in J, by its name or key.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub dissipated: BTreeMap<String, f64>,
     /// Largest relative KKT residual of all steps.
     pub worst_kkt: f64,
     /// Largest violation of a bound in all steps, in m.
@@ -192,6 +195,7 @@ impl Outcome {
             contacts: Vec::new(),
             node_contacts: 0,
             forces: BTreeMap::new(),
+            dissipated: BTreeMap::new(),
             worst_kkt: 0.0,
             worst_penetration: 0.0,
             relaxation: None,

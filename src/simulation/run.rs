@@ -93,6 +93,8 @@ fn run_from<E: Engine>(
     }
     let ended = time_loop(scene, model, scheme.as_mut(), &mut outcome, &mut monitor, observer);
     outcome.forces = monitor.forces.summary(scheme.time());
+    let dissipated = model.friction(scene, scheme.as_ref()).into_iter();
+    outcome.dissipated = scene.slider_names().zip(dissipated.map(|[_, dissipated]| dissipated)).collect();
     outcome.factorisations = scheme.factorisations();
     outcome.linear = model.system.engine.linear_solves().into();
     outcome.relaxation = scheme.relaxation();

@@ -89,7 +89,8 @@ impl YieldingBound {
 /// Returns the errors of a force (N) at a depth (m) beyond a bound, in N, and of the depth under
 /// it, in m.
 pub(super) fn errors(law: &impl ContactLaw, depth: f64, force: f64) -> [f64; 2] {
-    [(force - law.force(depth)).abs(), (depth.max(0.0) - law.depth(force)).abs()]
+    let of_depth = if force > 0.0 { (depth - law.depth(force)).abs() } else { depth.max(0.0) };
+    [(force - law.force(depth)).abs(), of_depth]
 }
 
 /// Problem with rigid bounds, in which tangents take the place of laws.
@@ -228,12 +229,15 @@ impl YieldingProblem<'_> {
         let limits = [rigid.lower.to_vec(), rigid.upper.to_vec()];
         let mut problem = LinearisedDense { of: *self, matrix, rhs, limits, sides };
         let iterations = solve(&mut problem, yielding, answer.x, answer.reaction);
+        let LinearisedDense { limits, .. } = problem;
         for bound in yielding {
-            // A law may hold x at a bound that is not rigid.
-            let [lower, upper] = bound.laws.each_ref().map(Option::is_some);
-            let side = &mut sides[bound.entry];
-            if lower && *side == BoundStatus::Lower || upper && *side == BoundStatus::Upper {
-                *side = BoundStatus::Free;
+            let (i, reaction) = (bound.entry, &mut answer.reaction[bound.entry]);
+            if limits[0][i] == limits[1][i] {
+                // A law holds x, and no rigid bound does.
+                sides[i] = BoundStatus::Free;
+            } else if sides[i] == BoundStatus::Free && bound.reaction(answer.x[i]) * *reaction <= 0.0 {
+                // A reaction pushes, and only where the law does.
+                *reaction = 0.0;
             }
         }
         exchanges + iterations
@@ -288,9 +292,7 @@ impl Linearised for LinearisedDense<'_> {
                 force += entry * x;
                 magnitude += (entry * x).abs();
             }
-            // A reaction pushes, and only where the law does.
-            let pushes = is_held || bound.reaction(x[i]) * force > 0.0;
-            reaction[i] = if pushes { force } else { 0.0 };
+            reaction[i] = force;
             let error = bound.error(x[i], force, magnitude);
             worst = if error <= worst { worst } else { error };
         }

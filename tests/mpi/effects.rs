@@ -329,6 +329,29 @@ fn rattling_on_compliant_stops() {
 /// Stops by the law of Hertz at points of both parts, one of which moves, beside a rigid obstacle,
 /// and two balls; on one rank, two and three.
 #[test]
+fn dry_friction_beside_a_floor() {
+    for (scheme, mass) in [("newmark", "singular"), ("midpoint", "consistent")] {
+        let scene = format!(
+            r#"
+                {PAPER_PLATE}
+                {CLAMPED}
+                mesh = {{ element = "fvs", cells = [10, 4] }}
+                initial.velocity = 0.4
+                slider = [
+                    {{ name = "pad", at = [1.2, 0.2], force = 3 }},
+                    {{ at = [0.6, 0.4], force = 5, stiffness = 2e4 }},
+                ]
+                obstacle = [{{ side = "below", height = -0.002, where = "x < 0.5 or x > 0.7 and x < 1.1" }}]
+                load = {{ pressure = "300*sin(200*t)" }}
+                time = {{ scheme = "{scheme}", mass = "{mass}", step = 1e-4, end = 0.04 }}
+                output = {{ probes = [{{ name = "tip", at = [1.2, 0.2] }}] }}
+            "#
+        );
+        agree(&format!("slider-{scheme}"), &scene, true);
+    }
+}
+
+#[test]
 fn rattling_on_stops_by_the_law_of_hertz() {
     for (scheme, mass) in [
         ("newmark", "\"consistent\""),

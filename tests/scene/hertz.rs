@@ -109,3 +109,32 @@ fn what_does_not_fit_is_refused_by_name() {
     let said = refusal(&with(rigid, STILL)).to_string();
     assert!(said.contains("obstacle.0.law: has no use without obstacle.0.stiffness"), "{said}");
 }
+
+#[test]
+fn sliders_are_read_written_and_refused() {
+    let slider =
+        |of: &str| with(&format!("slider = [{{ name = \"pad\", at = [1, 1], force = 3{of} }}]"), STILL);
+    let scene = read(&slider(", stiffness = 2e4")).unwrap();
+    assert_eq!(Scene::from_str(&scene.resolved(), "resolved", &[]).unwrap(), scene);
+    assert!(scene.effects().contains(&"dry friction".to_owned()));
+    assert_eq!(scene.force_columns(), ["force_pad"]);
+    for (more, expected) in [
+        (
+            "time.scheme = \"conserving\"",
+            "time.scheme: \"conserving\" keeps the energy, which a [[slider]] dissipates",
+        ),
+        ("time.scheme = \"exact\"", "time.scheme: \"exact\" keeps the energy"),
+        ("time.restitution = 0.5", "time.restitution: makes the node of a [[slider]] rebound"),
+        ("time.mass = \"modal\"", "time.mass: \"modal\" takes no [[slider]]"),
+        ("time.scheme = \"midpoint\"", "time.massless: \"equilibrium\" takes no [[slider]]"),
+        ("slider.0.force = 0", "slider.0.force: 0 is not positive"),
+        ("support.0.motion = \"0.01*sin(t)\"", "support.0.motion: contradicts [[slider]]"),
+    ] {
+        let overrides = [more.replacen(" = ", "=", 1)];
+        let error = Scene::from_str(&slider(""), "s.toml", &overrides).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let floor = "obstacle = [{ side = \"below\", height = -1, at = [1, 1] }]\n";
+    let error = refusal(&[floor, &slider("")].concat()).to_string();
+    assert!(error.contains("slider.0.at: obstacle.0 faces its node"), "{error}");
+}

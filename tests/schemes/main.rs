@@ -26,6 +26,7 @@ mod moving;
 mod period_three_bar;
 mod restored;
 mod ribs;
+mod slider;
 mod splitting;
 mod stops;
 mod stresses;

@@ -25,6 +25,6 @@ pub(super) fn needed(doc: &Document, key: &str) -> Result<String> {
 }
 
 /// Reads the name of a support or an obstacle, if it has one.
-pub(super) fn optional(doc: &Document, key: &str) -> Result<Option<String>> {
+pub(in crate::scene) fn optional(doc: &Document, key: &str) -> Result<Option<String>> {
     doc.get(key).map(|_| needed(doc, key)).transpose()
 }

@@ -1,7 +1,7 @@
 //! Translation of a document into a scene: one file per table, its keys in the order of the
 //! file.
 
-mod column;
+pub(super) mod column;
 mod initial;
 mod loads;
 mod mesh;
@@ -21,7 +21,7 @@ use std::path::Path;
 use super::document::{Document, quote};
 use super::keys::{TableKeys, ValueKind, key};
 use super::typed::PARAMETER;
-use super::{EngineName, Scene, attachments, cross_checks};
+use super::{EngineName, Scene, attachments, cross_checks, slider};
 use crate::error::Result;
 use region::PlaceReader;
 
@@ -51,6 +51,7 @@ pub(super) static SCENE: TableKeys = TableKeys {
             key("load", ValueKind::Table(&loads::LOAD), "pressure, gravity and point forces"),
         ],
         attachments::TABLES,
+        &[key("slider", ValueKind::Tables(&slider::SLIDER), "dry friction at nodes")],
         &[
             key(
                 "damping",
@@ -95,6 +96,7 @@ pub(super) fn scene(doc: &Document, file_name: &str, engine: EngineName) -> Resu
         initial: initial::read(doc)?,
         output: output::read(doc, &places, &mesh, &attachments.balls)?,
         attachments,
+        sliders: slider::read(doc, &places)?,
         study: study::read(doc, &mesh, &time, &solver)?,
         sweep: sweep::read(doc)?,
         plate,

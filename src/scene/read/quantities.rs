@@ -20,6 +20,7 @@ pub(in crate::scene) const SHEAR_MODULUS: Quantity = Quantity::new("a shear modu
 pub(in crate::scene) const GRAIN: Quantity = Quantity::new("an angle in degrees", Range::ANY);
 pub(in crate::scene) const DEFLECTION: Quantity = Quantity::new("a deflection in m", Range::ANY);
 pub(in crate::scene) const FORCE: Quantity = Quantity::new("a force in N", Range::ANY);
+pub(in crate::scene) const FRICTION: Quantity = Quantity::new("a force in N", Range::POSITIVE);
 pub(in crate::scene) const GRAVITY: Quantity = Quantity::new("an acceleration in m/s2, downward", Range::ANY);
 pub(in crate::scene) const MASS: Quantity = Quantity::new("a mass in kg", Range::POSITIVE);
 pub(in crate::scene) const SPRING: Quantity = Quantity::new("a stiffness in N/m", Range::POSITIVE);

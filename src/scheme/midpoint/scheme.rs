@@ -20,8 +20,9 @@ use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
+use crate::scheme::sliding::Sliding;
 use crate::scheme::state::{State, SupportVelocities};
-use crate::scheme::{Approach, Potential, Scheme, Start, StepBalance, StepRecord, System};
+use crate::scheme::{Approach, Friction, Potential, Scheme, Start, StepBalance, StepRecord, System};
 use crate::vi::{Condensed, Solver};
 use std::rc::Rc;
 
@@ -118,6 +119,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         system.bounds.restrict(&now.u, &mut record.admissible);
         record.reaction.copy_from_slice(&now.reaction);
         let mut rule = MidpointRule::new(system, dt, solver, support_velocities.clone())?;
+        rule.driver.anchor_sliders(&now.u, 2.0);
         rule.begin(&start.velocity, &now)?;
         Ok(Midpoint {
             system,
@@ -175,6 +177,10 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         &self.record
     }
 
+    fn friction(&self) -> Vec<Friction> {
+        self.rule.driver.sliding.as_ref().map_or(Vec::new(), |sliding| sliding.friction(0))
+    }
+
     fn displacement(&self) -> &[f64] {
         &self.now.u
     }
@@ -215,7 +221,9 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
 
     fn energies(&self) -> Result<Energies> {
         let energies = self.now.energies;
-        Ok(Energies { work: energies.work + self.work, ..energies })
+        let stored = self.rule.driver.sliding.as_ref().map(Sliding::stored);
+        let stored = stored.map_or(Ok(0.0), |stored| self.system.total(stored))?;
+        Ok(Energies { work: energies.work + self.work, elastic: energies.elastic + stored, ..energies })
     }
 
     fn approach(&self, bound: usize) -> Approach {

@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::scheme::step_driver::{Formulas, StepDriver};
-use crate::scheme::{Approach, Scheme, Start, StepBalance, StepRecord, System};
+use crate::scheme::{Approach, Friction, Scheme, Start, StepBalance, StepRecord, System};
 use crate::vi::{Condensed, Solver};
 use std::cell::RefCell;
 
@@ -59,6 +59,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         levels.force.renew(system, &levels.u_n)?;
         let own = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
         let at_start = if system.bounds.laws.are_rigid() { 0.0 } else { system.total(own)? };
+        driver.anchor_sliders(&levels.u_n, 1.0);
         driver.feed_residuals_forward(levels.energy_at_start(&start.velocity)?);
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
@@ -66,7 +67,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         record.reaction.copy_from_slice(&driver.reaction);
         first.update(&mut driver);
         driver.restart_modal_damping(&levels)?;
-        levels.store(&record.admissible)?;
+        levels.store(&record.admissible, driver.sliding.as_ref())?;
         levels.stored[0] = at_start;
         levels.account(0, &driver.x, &driver.reaction)?;
         let velocities = vec![0.0; system.engine.velocities(&system.mass)];
@@ -123,12 +124,17 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.driver.report_to(&self.levels, &mut self.record);
         self.record.end_step(&self.driver.reaction);
         self.levels.force.add(self.driver.stiffness_product());
-        self.levels.store(&self.record.admissible)?;
+        self.levels.store(&self.record.admissible, self.driver.sliding.as_ref())?;
         self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)
     }
 
     fn record(&self) -> &StepRecord {
         &self.record
+    }
+
+    /// Returns the forces of the step from the instant, and the energies dissipated up to it.
+    fn friction(&self) -> Vec<Friction> {
+        self.driver.sliding.as_ref().map_or(Vec::new(), |sliding| sliding.friction(1))
     }
 
     fn displacement(&self) -> &[f64] {

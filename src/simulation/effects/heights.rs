@@ -3,8 +3,9 @@
 use super::ground::BuildContext;
 use super::lumps::AttachedBall;
 use super::motion::Lift;
+use super::sliders::SliderDof;
 use crate::communicator::Communicator;
-use crate::contact_law::{LawNumbers, Laws, RIGID};
+use crate::contact_law::{ContactLaw, LawNumbers, Laws, RIGID};
 use crate::error::{Error, Result};
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
@@ -13,6 +14,7 @@ use crate::partition::Partition;
 use crate::scene::{self, Compliance, FieldInput, Scene, Side};
 use crate::simulation::DeflectionDof;
 use crate::simulation::regions::nodes_in;
+use std::sync::Arc;
 
 /// Returns the engine's dofs that each obstacle bounds, on the process that owns them: deflections
 /// of nodes, or the tips of a compliant stop. Collective.
@@ -40,9 +42,11 @@ pub(super) fn sites<P: Partition>(
     ground: &BuildContext<P>,
     opposite: &[Vec<usize>],
     balls: &[AttachedBall],
+    sliders: &[SliderDof],
 ) -> (Vec<DeflectionDof>, usize) {
     let BuildContext { mesh, space, partition, .. } = ground;
     let mut bounded: Vec<usize> = opposite.iter().flatten().copied().collect();
+    bounded.extend(sliders.iter().map(|slider| slider.dof));
     let bounded_dof = |ball: &AttachedBall| ball.tip.unwrap_or(ball.gap);
     bounded.extend(balls.iter().filter_map(|ball| partition.own_dof(bounded_dof(ball))));
     bounded.sort_unstable();
@@ -104,6 +108,7 @@ impl<C: Communicator> Heights<C> {
         ground: &BuildContext<P>,
         opposite: &[Vec<usize>],
         bounded: &[DeflectionDof],
+        sliders: &[SliderDof],
         lifts: &[Lift],
     ) -> Result<Heights<C>> {
         let BuildContext { scene, mesh, .. } = ground;
@@ -121,7 +126,7 @@ impl<C: Communicator> Heights<C> {
                 Some(Side::Below) => still.upper[bound] = 0.0,
             }
         }
-        let laws = laws(scene, opposite, bounded, nodes);
+        let laws = laws(scene, opposite, bounded, sliders, nodes);
         let mut found = laws.map(|laws| still.laws = laws);
         let mut moving = Vec::new();
         for opposite in opposites(scene, opposite, bounded) {
@@ -179,11 +184,17 @@ impl<C: Communicator> Heights<C> {
 }
 
 /// Returns the laws by which the bounds yield; the sites of balls have numbers from `nodes` on. The
-/// table has the laws of all obstacles and balls of the scene, in their order.
+/// table has the laws of all obstacles, balls and sliders of the scene, in their order.
 ///
 /// # Errors
 /// Returns [`Error::Scene`] where a stop shares a side of a node with another obstacle.
-fn laws(scene: &Scene, opposite: &[Vec<usize>], bounded: &[DeflectionDof], nodes: usize) -> Result<Laws> {
+fn laws(
+    scene: &Scene,
+    opposite: &[Vec<usize>],
+    bounded: &[DeflectionDof],
+    sliders: &[SliderDof],
+    nodes: usize,
+) -> Result<Laws> {
     let mut table = Vec::new();
     let mut add = |compliance: Option<Compliance>| {
         let law = compliance.and_then(|of| of.contact_law())?;
@@ -192,6 +203,8 @@ fn laws(scene: &Scene, opposite: &[Vec<usize>], bounded: &[DeflectionDof], nodes
     };
     let of_obstacles: Vec<Option<u32>> = scene.obstacles.iter().map(|of| add(of.compliance)).collect();
     let of_balls: Vec<Option<u32>> = scene.attachments.balls.iter().map(|of| add(of.compliance)).collect();
+    let first_slider = table.len() as u32;
+    table.extend(scene.sliders.iter().map(|slider| Arc::new(slider.law()) as Arc<dyn ContactLaw>));
     let of_site = |site: &DeflectionDof| {
         let mut numbers = [RIGID; 2];
         if let Some(ball) = site.node.checked_sub(nodes) {
@@ -201,6 +214,11 @@ fn laws(scene: &Scene, opposite: &[Vec<usize>], bounded: &[DeflectionDof], nodes
         numbers
     };
     let mut numbers: Vec<LawNumbers> = bounded.iter().map(of_site).collect();
+    for slider in sliders {
+        if let Ok(bound) = bounded.binary_search_by_key(&slider.dof, |site| site.dof) {
+            numbers[bound] = [first_slider + slider.number as u32; 2];
+        }
+    }
     let mut owners = vec![[None; 2]; bounded.len()];
     for (number, faced) in opposites(scene, opposite, bounded).enumerate() {
         let law = of_obstacles[number];

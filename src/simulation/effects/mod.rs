@@ -21,6 +21,7 @@ mod of_cells;
 mod parts;
 mod reactions;
 mod ribs;
+mod sliders;
 mod start;
 mod statics;
 mod stop_springs;
@@ -115,7 +116,7 @@ pub(super) fn matrices<P: Partition>(ground: &BuildContext<P>) -> Result<Matrice
     } else {
         Some(ground.pressed(initial)?)
     };
-    let (sites, bounded) = heights::sites(ground, &heights::opposite(ground)?, &attached.balls);
+    let (sites, bounded) = heights::sites(ground, &heights::opposite(ground)?, &attached.balls, &[]);
     Ok(Matrices {
         stiffness: attached.stiffness(ground.cells),
         consistent: attached.consistent_mass(ground.cells),
@@ -218,8 +219,10 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     }
 
     let opposite = heights::opposite(ground)?;
-    let (sites, bounded) = heights::sites(ground, &opposite, &attached.balls);
-    let heights = Heights::new(ground, &opposite, &sites[..bounded], &lifts)?;
+    let sliders = sliders::find(ground, &opposite)?;
+    let (sites, bounded) = heights::sites(ground, &opposite, &attached.balls, &sliders);
+    let heights = Heights::new(ground, &opposite, &sites[..bounded], &sliders, &lifts)?;
+    system.drive.sliders = sliders::bounded(ground, &sliders, &sites[..bounded]);
     let is_named = scene.obstacles.iter().any(|obstacle| obstacle.name.is_some());
     let attribution = is_named.then(|| Attribution::new(ground, &opposite, &sites[..bounded])).transpose()?;
     let dofs = system.engine.dofs();
