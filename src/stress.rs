@@ -18,6 +18,7 @@
 //! that point upward.
 
 use crate::plate::Section;
+use nalgebra::{Matrix3, Vector3};
 
 /// Surface of the plate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -60,8 +61,8 @@ pub struct Moments {
 impl Moments {
     /// Returns the moments of the curvatures (w_xx, w_xy, w_yy), in 1/m, at a point with a section.
     pub fn of_curvature(section: &Section, curvature: [f64; 3]) -> Moments {
-        let [xx, twice_xy, yy]: [f64; 3] = (section.bending * nalgebra::Vector3::from(curvature)).into();
-        Moments { xx: -xx, yy: -yy, xy: -0.5 * twice_xy }
+        let [xx, yy, xy] = (section.moment_per_curvature() * Vector3::from(curvature)).into();
+        Moments { xx, yy, xy }
     }
 
     /// Returns the largest and the least moment over all directions.
@@ -86,6 +87,12 @@ impl Moments {
 }
 
 impl Section {
+    /// Returns the moments M_xx, M_yy and M_xy per curvature w_xx, w_xy and w_yy, in N m.
+    pub fn moment_per_curvature(&self) -> Matrix3<f64> {
+        let [xx, xy, yy] = [0, 1, 2].map(|row| self.bending.row(row));
+        Matrix3::from_rows(&[-xx, -yy, -0.5 * xy])
+    }
+
     /// Returns the stress at the upper surface per moment, 6/h^2, in 1/m^2.
     pub fn stress_per_moment(&self) -> f64 {
         6.0 / self.thickness.powi(2)

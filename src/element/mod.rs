@@ -63,8 +63,7 @@ pub struct Element<const N: usize> {
     pub pieces: Vec<Piece<N>>,
 }
 
-/// Smallest difference in barycentric coordinates by which a later piece must contain a point
-/// better than an earlier one.
+/// Difference in barycentric coordinates up to which two pieces contain a point equally well.
 const TIE: f64 = 1e-12;
 
 impl<const N: usize> Piece<N> {
@@ -142,27 +141,28 @@ impl<const N: usize> Element<N> {
     /// the nearest piece is the one with the largest smallest barycentric coordinate, which is
     /// negative there: its cubic is extrapolated.
     pub fn locate(&self, point: Point) -> (usize, [f64; 3]) {
+        self.pieces_at(point).next().unwrap_or_default()
+    }
+
+    /// Returns all pieces that contain a point, to rounding, like [`Element::locate`].
+    fn pieces_at(&self, point: Point) -> impl Iterator<Item = (usize, [f64; 3])> {
         let point = Point::from(point - self.origin);
         let depth = |b: &[f64; 3]| b.iter().copied().fold(f64::INFINITY, f64::min);
-        let mut deepest = (0, self.pieces[0].barycentric(point));
-        for (number, piece) in self.pieces.iter().enumerate().skip(1) {
-            let barycentric = piece.barycentric(point);
-            if depth(&barycentric) > depth(&deepest.1) + TIE {
-                deepest = (number, barycentric);
-            }
-        }
-        deepest
+        let places: Vec<_> = self.pieces.iter().map(|piece| piece.barycentric(point)).collect();
+        let deepest = places.iter().map(depth).fold(f64::NEG_INFINITY, f64::max);
+        places.into_iter().enumerate().filter(move |(_, place)| depth(place) >= deepest - TIE)
     }
 
     /// Returns the basis functions and their derivatives at a point of the cell.
     ///
-    /// Second derivatives jump across the line between two pieces, where the values are those of
-    /// the first piece, as chosen by [`Element::locate`]. At the barycentre of a triangle they
-    /// happen to agree (Farin, *Triangular Bernstein-Bezier patches*, 1986); at the centre of a
-    /// quadrilateral they do not.
+    /// Second derivatives jump across the line between two pieces, where they are the mean over
+    /// the pieces. At the barycentre of a triangle they happen to agree (Farin, *Triangular
+    /// Bernstein-Bezier patches*, 1986); at the centre of a quadrilateral they do not.
     pub fn basis_at(&self, point: Point) -> Basis<N> {
-        let (piece, barycentric) = self.locate(point);
-        self.pieces[piece].basis(barycentric)
+        let of_piece = |(piece, barycentric): (usize, _)| self.pieces[piece].basis(barycentric);
+        let of_pieces: Vec<Basis<N>> = self.pieces_at(point).map(of_piece).collect();
+        let sum: SMatrix<f64, 3, N> = of_pieces.iter().map(|basis| basis.hessian).sum();
+        Basis { hessian: sum / of_pieces.len() as f64, ..of_pieces[0] }
     }
 
     /// Returns the point of the plate with the given barycentric coordinates in a piece, in m.

@@ -2,7 +2,7 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{Compliance, FieldInput, Initial, Load, ProbeQuantity, Scene, Side};
+use super::{Compliance, FieldInput, Initial, Load, Scene, Side};
 
 impl Scene {
     /// Returns the names of the effects beyond the plate's own elasticity and inertia.
@@ -47,10 +47,7 @@ impl Scene {
         let restitution = self.time.scheme.restitution().unwrap_or(0.0);
         add(restitution > 0.0, &format!("restitution e = {restitution}"));
         let output = &self.output;
-        let is_stress = |of: &ProbeQuantity| {
-            matches!(of, ProbeQuantity::Moment(_) | ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_))
-        };
-        add(output.probes.iter().any(|probe| is_stress(&probe.quantity)), "moments at probes");
+        add(output.probes.iter().any(|probe| probe.quantity.is_of_curvature()), "moments at probes");
         add(output.fields.is_some_and(|fields| fields.stresses), "stresses in snapshots");
         add(output.extremes, "largest stress of all steps");
         effects

@@ -26,6 +26,13 @@ pub enum ProbeQuantity {
     VonMises(PlateSurface),
 }
 
+impl ProbeQuantity {
+    /// Returns whether the quantity follows from the second derivatives of the deflection.
+    pub fn is_of_curvature(self) -> bool {
+        matches!(self, Self::Moment(_) | Self::Stress(..) | Self::VonMises(_))
+    }
+}
+
 /// Component of moments or of stresses.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StressComponent {

@@ -11,7 +11,6 @@ use crate::linalg::Engine;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
 use crate::stress::{Moments, PlateSurface};
-use nalgebra::{Matrix3, Vector3};
 use pulp::Arch;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -122,15 +121,7 @@ impl StressSites {
         let sections = recovery.sites().iter().zip(&cell_of);
         let sections = sections.map(|(site, &cell)| body.section(cell, mesh.nodes[site.node]));
         let sections: Vec<_> = ground.comm().all_ok(sections.collect::<Result<_>>())?;
-        let stress = |section: &Section| {
-            let column = |k: usize| {
-                let mut curvature = [0.0; 3];
-                curvature[k] = 1.0;
-                let Moments { xx, yy, xy } = Moments::of_curvature(section, curvature);
-                Vector3::new(xx, yy, xy) * section.stress_per_moment()
-            };
-            Matrix3::from_columns(&[0, 1, 2].map(column))
-        };
+        let stress = |section: &Section| section.moment_per_curvature() * section.stress_per_moment();
         let maps: Vec<_> = sections.iter().map(stress).collect();
         let place = |site: &crate::assembly::RecoverySite| (mesh.nodes[site.node].coords.into(), site.part);
         Ok(StressSites {

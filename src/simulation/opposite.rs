@@ -42,7 +42,7 @@ fn is_in(region: &Region, at: Point, mesh: Option<&Mesh>) -> Result<bool> {
         Region::Where(condition) => regions::holds(condition, at, "obstacle")?,
         Region::Group(name) => mesh.is_some_and(|mesh| {
             let members = mesh.groups.get(name);
-            mesh.locate(at).is_some_and(|cell| members.is_some_and(|members| members.contains(&cell)))
+            members.is_some_and(|members| mesh.cells_at(at).any(|cell| members.contains(&cell)))
         }),
         Region::Point(name) => mesh.is_some_and(|mesh| {
             let nodes = mesh.points.get(name).into_iter().flatten();

@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::mesh::Point;
 use crate::partition::Partition;
+use crate::plate::Section;
 use crate::scene::{self, FieldInput, ProbeQuantity, StressComponent};
 use crate::scheme::{Scheme, System};
 use crate::stress::Moments;
@@ -26,10 +27,9 @@ struct Reading {
     /// Index of the probe.
     probe: usize,
     quantity: ProbeQuantity,
-    /// Deflection, slope, or the moments M_xx, M_yy and M_xy.
+    /// Deflection, slope, or the components xx, yy and xy of the moments or of the stresses at the
+    /// upper surface.
     terms: Vec<FramedProbe>,
-    /// Stress at the upper surface per moment, in 1/m^2.
-    per_moment: f64,
 }
 
 /// Quantities at the probes other than deflections.
@@ -60,7 +60,6 @@ impl Readings {
         let mut readings = Vec::new();
         for (index, probe) in ground.scene.output.probes.iter().enumerate() {
             let quantity = probe.quantity;
-            let mut per_moment = 0.0;
             let terms = match quantity {
                 ProbeQuantity::Deflection => continue,
                 ProbeQuantity::Velocity | ProbeQuantity::Acceleration => vec![deflections[index].clone()],
@@ -71,12 +70,10 @@ impl Readings {
                 ProbeQuantity::Moment(_) | ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_) => {
                     // Whoever asks for moments has the curvatures prepared.
                     let Some(curvatures) = curvatures else { continue };
-                    let (terms, factor) = moments(ground, probe, shapes, curvatures)?;
-                    per_moment = factor;
-                    terms
+                    components(ground, probe, shapes, curvatures)?
                 }
             };
-            readings.push(Reading { probe: index, quantity, terms, per_moment });
+            readings.push(Reading { probe: index, quantity, terms });
         }
         Ok(Readings(readings))
     }
@@ -203,9 +200,9 @@ impl Reading {
                     (StressComponent::Min, true) => StressComponent::Max,
                     (component, _) => component,
                 };
-                surface.sign() * self.per_moment * of(component)
+                surface.sign() * of(component)
             }
-            ProbeQuantity::VonMises(_) => self.per_moment * moments.von_mises(),
+            ProbeQuantity::VonMises(_) => moments.von_mises(),
             _ => xx,
         }
     }
@@ -219,17 +216,20 @@ fn sums<'r>(readings: impl Iterator<Item = &'r Reading>, dofs: &[f64], lifted: &
     readings.flat_map(|reading| reading.terms.iter().map(sum)).collect()
 }
 
-/// Returns the moments M_xx, M_yy and M_xy at a probe, and the stress per moment there. Collective.
-fn moments<P: Partition>(
+/// Returns the components xx, yy and xy at a probe of moments or stresses. Collective.
+fn components<P: Partition>(
     ground: &BuildContext<P>,
     probe: &scene::Probe,
     shapes: &[&[f64]],
     curvatures: &PlateCurvatures,
-) -> Result<(Vec<FramedProbe>, f64)> {
+) -> Result<Vec<FramedProbe>> {
+    let is_moment = matches!(probe.quantity, ProbeQuantity::Moment(_));
+    let map = |section: &Section| {
+        section.moment_per_curvature() * if is_moment { 1.0 } else { section.stress_per_moment() }
+    };
     let key = format!("probe \"{}\"", probe.name);
-    let (moments, section) = curvatures.moments_at(ground, &key, probe.at)?;
-    let terms = moments.iter().map(|moment| ground.framed(Some(moment), shapes));
-    Ok((terms.collect::<Result<_>>()?, section.stress_per_moment()))
+    let components = curvatures.mapped_at(ground, &key, probe.at, map)?;
+    components.iter().map(|component| ground.framed(Some(component), shapes)).collect()
 }
 
 impl SupportFrame {

@@ -12,7 +12,7 @@ use crate::linalg::vectors::axpy;
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
-use crate::scene::{FieldInput, ProbeQuantity, Scene};
+use crate::scene::{FieldInput, Scene};
 use nalgebra::Matrix3;
 use pulp::Arch;
 use std::cell::{Ref, RefCell};
@@ -29,13 +29,10 @@ pub(super) struct PlateCurvatures<'s> {
 
 /// Returns whether a scene asks for moments or stresses.
 fn asks(scene: &Scene) -> bool {
-    let is_moment = |of: ProbeQuantity| {
-        matches!(of, ProbeQuantity::Moment(_) | ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_))
-    };
     let output = &scene.output;
     output.extremes
         || output.fields.is_some_and(|fields| fields.stresses)
-        || output.probes.iter().any(|probe| is_moment(probe.quantity))
+        || output.probes.iter().any(|probe| probe.quantity.is_of_curvature())
 }
 
 impl<'s> PlateCurvatures<'s> {
@@ -53,66 +50,51 @@ impl<'s> PlateCurvatures<'s> {
         Ok(PlateCurvatures { body, recovery, parts })
     }
 
-    /// Returns the moments M_xx, M_yy and M_xy at a point as sums over all deflections and slopes
-    /// of this rank's cells, which add up over the ranks, and the section there. Collective.
-    pub fn moments_at<P: Partition>(
+    /// Returns three linear functions of the curvatures (w_xx, w_xy, w_yy) at a point, given by a
+    /// matrix for each section there, as sums over all deflections and slopes of this rank's cells,
+    /// which add up over the ranks. Collective.
+    ///
+    /// Curvatures and sections jump between parts. On their border the functions are the mean over
+    /// all cells that contain the point.
+    pub fn mapped_at<P: Partition>(
         &self,
         ground: &BuildContext<'s, P>,
         key: &str,
-        [x, y]: [f64; 2],
-    ) -> Result<([Probe; 3], Section)> {
+        place: [f64; 2],
+        map: impl Fn(&Section) -> Matrix3<f64>,
+    ) -> Result<[Probe; 3]> {
         let BuildContext { mesh, partition, .. } = *ground;
         let comm = partition.comm();
-        let at = Point::new(x, y);
-        let here = mesh.locate(at);
-        let first = comm.all_gather_one(here.is_some()).iter().position(|&here| here);
-        let outside =
-            || Error::Mesh(format!("{key}: the point {} lies outside the plate", geometry::place(at)));
-        let first = first.ok_or_else(outside)?;
-        let own = here.filter(|_| comm.rank() == first);
-        let mut shares = vec![[0.0]; self.recovery.sites().len()];
-        let mut found = Ok([0.0; 11]);
-        if let Some(cell) = own {
-            found = self.body.section(cell, at).map(to_numbers);
-            let weights = assembly::vertex_weights(&mesh.element(cell)?, at);
-            self.recovery
-                .of_cell(cell)
-                .iter()
-                .zip(weights)
-                .for_each(|(&site, weight)| shares[site][0] += weight);
+        let point = Point::from(place);
+        let around: Vec<usize> = mesh.cells_at(point).collect();
+        let count = comm.all_reduce_sum(around.len() as f64);
+        if count == 0.0 {
+            let place = geometry::place(point);
+            return Err(Error::Mesh(format!("{key}: the point {place} lies outside the plate")));
         }
-        let section = from_numbers(comm.all_reduce_sum(comm.all_ok(found)?));
+        let mut shares = vec![[0.0; 9]; self.recovery.sites().len()];
+        let mut add = |&cell: &usize| {
+            let map = map(&self.body.section(cell, point)?) / count;
+            let weights = assembly::vertex_weights(&mesh.element(cell)?, point);
+            for (&site, weight) in self.recovery.of_cell(cell).iter().zip(weights) {
+                axpy(weight, map.as_slice(), &mut shares[site]);
+            }
+            Ok(())
+        };
+        comm.all_ok(around.iter().try_for_each(&mut add))?;
         assembly::sum_over_ranks(self.recovery.sites(), self.parts, partition, &mut shares)?;
-        let shares: Vec<f64> = shares.into_iter().map(|[share]| share).collect();
-        let weights = self.recovery.weights_of_fits(&shares, partition)?;
-        let mut row: BTreeMap<usize, [f64; 3]> = BTreeMap::new();
-        for (fit, share) in weights.iter().enumerate().filter(|(_, share)| **share != 0.0) {
-            for (dof, curvature) in self.recovery.row(fit) {
-                let sums = row.entry(dof).or_default();
-                sums.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += share * term);
+        let mut rows: [BTreeMap<usize, f64>; 3] = Default::default();
+        for entry in 0..9 {
+            let shares: Vec<f64> = shares.iter().map(|share| share[entry]).collect();
+            let weights = self.recovery.weights_of_fits(&shares, partition)?;
+            for (fit, weight) in weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0) {
+                for (dof, curvature) in self.recovery.row(fit) {
+                    *rows[entry % 3].entry(dof).or_default() += weight * curvature[entry / 3];
+                }
             }
         }
-        let moment = |(index, factor): (usize, f64)| {
-            let of = |curvature: &[f64; 3]| {
-                (0..3).map(|k| factor * section.bending[(index, k)] * curvature[k]).sum::<f64>()
-            };
-            Probe::from_terms(row.iter().map(|(dof, curvature)| (*dof, of(curvature))).collect())
-        };
-        Ok(([(0, -1.0), (2, -1.0), (1, -0.5)].map(moment), section))
+        Ok(rows.map(|row| Probe::from_terms(row.into_iter().collect())))
     }
-}
-
-/// Returns a section as numbers that ranks can add.
-fn to_numbers(section: Section) -> [f64; 11] {
-    let mut numbers = [0.0; 11];
-    numbers[..9].copy_from_slice(section.bending.as_slice());
-    (numbers[9], numbers[10]) = (section.density, section.thickness);
-    numbers
-}
-
-fn from_numbers(numbers: [f64; 11]) -> Section {
-    let bending = Matrix3::from_column_slice(&numbers[..9]);
-    Section { bending, density: numbers[9], thickness: numbers[10] }
 }
 
 /// Quantities with three components at the sites of a recovery, linear in the curvatures: the

@@ -5,8 +5,9 @@
 //! to one that is simply supported there, if only as the logarithm of the cell size. The moments
 //! beside a point force or a point support grow without end.
 
+use crate::geometry;
 use crate::mesh::{Mesh, Point};
-use crate::scene::{ProbeQuantity, Scene, SupportKind, SupportLocation};
+use crate::scene::{Scene, SupportKind, SupportLocation};
 use crate::simulation;
 use std::collections::HashMap;
 
@@ -79,12 +80,14 @@ fn joining_nodes(mesh: &Mesh) -> Vec<usize> {
 fn stresses(scene: &Scene, mesh: &Mesh) -> Vec<String> {
     let points = points(scene, mesh);
     let mut warnings = Vec::new();
-    for probe in scene.output.probes.iter().filter(|probe| is_of_curvature(probe.quantity)) {
-        let Some(cell) = mesh.locate(probe.at.into()) else { continue };
-        let corners = mesh.vertices(cell);
-        let size = corners.iter().map(|corner| (corner - corners[0]).norm()).fold(0.0, f64::max);
-        let is_corner =
-            |point: &Point| corners.iter().any(|corner| (corner - point).norm() <= crate::mesh::NEAR * size);
+    for probe in scene.output.probes.iter().filter(|probe| probe.quantity.is_of_curvature()) {
+        let around: Vec<_> = mesh.cells_at(probe.at.into()).map(|cell| mesh.vertices(cell)).collect();
+        let is_corner = |point: &Point| {
+            around.iter().any(|corners| {
+                let near = crate::mesh::NEAR * geometry::longest_edge(corners);
+                corners.iter().any(|corner| (corner - point).norm() <= near)
+            })
+        };
         if let Some((what, _)) = points.iter().find(|(_, point)| is_corner(point)) {
             warnings.push(format!(
                 "probe \"{}\": beside a point that is held or loaded ({what}) the {} has no limit under refinement: spread the force \
@@ -95,11 +98,6 @@ fn stresses(scene: &Scene, mesh: &Mesh) -> Vec<String> {
         }
     }
     warnings
-}
-
-/// Returns whether a quantity follows from the second derivatives of the deflection.
-fn is_of_curvature(quantity: ProbeQuantity) -> bool {
-    matches!(quantity, ProbeQuantity::Moment(_) | ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_))
 }
 
 /// Returns the points at which forces act on the plate, each with its table.

@@ -327,6 +327,39 @@ fn moments_are_continuous_between_parts_and_stresses_jump() {
     }
 }
 
+/// A probe on the border between parts reads the mean over the cells that meet there, of moments
+/// and of stresses, also in the mirror. The last part has one of the cells around the probe.
+#[test]
+fn probes_between_parts_read_the_mean() {
+    let rigidity = |h: f64, e: f64| e * h.powi(3) / 12.0;
+    let moments = [rigidity(0.01, 1e9), rigidity(0.02, 3e9)];
+    let stresses = [6.0 / 1e-4 * moments[0], 6.0 / 4e-4 * moments[1]];
+    let cases = [("x", "right", 5.0 / 6.0), ("(1 - x)", "left", 5.0 / 6.0)];
+    let of_triangles = cases.map(|(x, diagonal, most)| {
+        (x, format!("mesh = {{ element = \"hct\", cells = [4, 4], diagonal = \"{diagonal}\" }}"), most)
+    });
+    let of_squares = ["x", "(1 - x)"].map(|x| (x, grid("fvs", 4, 4), 0.75));
+    for (x, mesh, most) in of_triangles.into_iter().chain(of_squares) {
+        let half = format!("{x} > 0.5");
+        let quarter = format!("{x} > 0.5 and y < 0.5");
+        for (part, y, thin) in [(&half, 0.3, 0.5), (&half, 0.5, 0.5), (&quarter, 0.5, most)] {
+            let text = format!(
+                "plate = {{ length = 1, width = 1, thickness = 0.01, youngs_modulus = 1e9, poissons_ratio = 0, density = 1000 }}
+                 part = [{{ where = \"{part}\", thickness = 0.02, youngs_modulus = 3e9 }}]
+                 {mesh}\n{STILL}initial = {{ deflection = \"0.5*x^2 + x*y\" }}
+                 output = {{ probes = [
+                   {{ name = \"a\", at = [0.5, {y}], quantity = \"moment_xx\" }},
+                   {{ name = \"b\", at = [0.5, {y}], quantity = \"stress_xy_bottom\" }},
+                 ] }}"
+            );
+            let [moment, stress] = scenes::start(&text)[..] else { panic!() };
+            let mean = |[plate, part]: [f64; 2]| thin * plate + (1.0 - thin) * part;
+            close("moment", moment, -mean(moments), 1e-11);
+            close("stress", stress, mean(stresses), 1e-11);
+        }
+    }
+}
+
 /// The curvature at a site, which blocks of eight sites compute side by side, is the sum of the
 /// rows of its fits, which a probe adds up one by one: on a regular mesh, on one with rows of
 /// other lengths, and on one without any rows.
