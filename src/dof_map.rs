@@ -247,15 +247,21 @@ impl DofMap {
     /// node. Tips of compliant stops have the deflection of their node, other extra dofs are 0, and
     /// values that supports hold are lost.
     pub fn interpolate(&self, shape: &[f64]) -> Vec<f64> {
-        let mut x = vec![0.0; self.dofs()];
-        for (i, value) in shape.iter().enumerate() {
-            if let Some((dof, factor)) = self.dof(i) {
-                // At an oblique support, the part of the slope in the free direction remains.
-                x[dof] += factor * value;
-            }
-        }
+        let mut x = self.restrict(shape);
         for &(dof, node) in &self.tips {
             x[dof] = shape[PER_NODE * node];
+        }
+        x
+    }
+
+    /// Returns the load on the free dofs of a load on all deflections and slopes, three per node:
+    /// at an oblique support, the part in the free direction.
+    pub fn restrict(&self, load: &[f64]) -> Vec<f64> {
+        let mut x = vec![0.0; self.dofs()];
+        for (i, value) in load.iter().enumerate() {
+            if let Some((dof, factor)) = self.dof(i) {
+                x[dof] += factor * value;
+            }
         }
         x
     }

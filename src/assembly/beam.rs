@@ -9,12 +9,11 @@
 //!
 //! On each sub-cell w is a cubic, and the Gauss rules are exact on the pieces of the line there.
 
-use super::{CellArrays, add_point_mass, add_square};
+use super::{CellMatrix, add_square};
 use crate::dof_map::PER_NODE;
 use crate::element::BasisFunction;
 use crate::error::Result;
 use crate::geometry;
-use crate::linalg::{BARE, ElementMatrix};
 use crate::mesh::{Mesh, Point};
 use nalgebra::Vector2;
 use std::collections::BTreeMap;
@@ -66,6 +65,11 @@ impl BeamPiece {
         rule.iter().map(move |(place, weight)| (middle + half * *place, weight * scale))
     }
 
+    /// Returns points of the piece with the masses, in kg, that represent a beam of so many kg/m.
+    pub fn masses(&self, per_length: f64) -> impl Iterator<Item = (Point, f64)> {
+        self.points(SEPTIC).map(move |(at, weight)| (at, per_length * weight))
+    }
+
     /// Adds the stiffness of the piece to a matrix over the cell's dofs, stored by rows.
     fn add_stiffness(&self, mesh: &Mesh, of: BeamStiffness, matrix: &mut [f64]) -> Result<()> {
         let element = mesh.element(self.cell)?;
@@ -90,36 +94,18 @@ impl BeamPiece {
     }
 }
 
-/// Adds the mass of a beam, in kg/m, to the arrays of the cells that its pieces lie in.
+/// Returns the stiffness of pieces of a beam, cell by cell.
 ///
 /// # Errors
 /// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
-pub fn add_beam_mass(mesh: &Mesh, cells: &mut [CellArrays], mass: f64, pieces: &[BeamPiece]) -> Result<()> {
-    let mut points = pieces.iter().flat_map(|piece| piece.points(SEPTIC).map(|at| (piece.cell, at)));
-    points.try_for_each(|(cell, (at, weight))| add_point_mass(mesh, cells, cell, at, mass * weight))
-}
-
-/// Returns the contributions of beams to the stiffness, each with its cell.
-///
-/// # Errors
-/// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
-pub fn beams(
-    mesh: &Mesh,
-    cells: &[CellArrays],
-    pieces: &[(BeamPiece, BeamStiffness)],
-) -> Result<Vec<(usize, ElementMatrix)>> {
+pub fn beams(mesh: &Mesh, pieces: &[(BeamPiece, BeamStiffness)]) -> Result<Vec<CellMatrix>> {
     let mut sums: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     for (piece, stiffness) in pieces {
         let size = PER_NODE * mesh.cells[piece.cell].nodes().len();
         let sum = sums.entry(piece.cell).or_insert_with(|| vec![0.0; size * size]);
         piece.add_stiffness(mesh, *stiffness, sum)?;
     }
-    // Each block is a class of its own, numbered after those of the elastic edges.
-    let block = |(cell, matrix): (usize, Vec<f64>)| {
-        let class = BARE + 3 * cells.len() + cell;
-        (cell, ElementMatrix { class, ..cells[cell].block(&matrix.into(), None) })
-    };
-    Ok(sums.into_iter().map(block).collect())
+    Ok(sums.into_iter().map(|(cell, matrix)| (cell, matrix.into())).collect())
 }
 
 /// Returns the parts of a line within the sub-cells, each with its cell, as shares of the length.

@@ -1,9 +1,8 @@
 //! Springs along edges of the plate, against deflection and against rotation.
 
-use super::CellArrays;
+use super::CellMatrix;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
-use crate::linalg::{BARE, ElementMatrix};
 use crate::mesh::{Mesh, Point};
 use nalgebra::{SMatrix, SVector};
 use std::collections::{BTreeMap, HashMap};
@@ -17,7 +16,7 @@ pub struct EdgeSprings {
     pub rotation: f64,
 }
 
-/// Returns the contributions of springs along cell sides to the stiffness, each with its cell.
+/// Returns the stiffness of springs along cell sides, cell by cell.
 ///
 /// Each side is a pair of nodes with its springs. The integrals are exact: along a side of any cell
 /// the deflection is the cubic, and the slope across it the linear function, of the dofs at its two
@@ -27,9 +26,8 @@ pub struct EdgeSprings {
 /// Returns [`Error::Mesh`] for a pair of nodes that is no side of a cell.
 pub fn edge_springs(
     mesh: &Mesh,
-    cells: &[CellArrays],
     sides: impl IntoIterator<Item = ([usize; 2], EdgeSprings)>,
-) -> Result<Vec<(usize, ElementMatrix)>> {
+) -> Result<Vec<CellMatrix>> {
     let cell_at = cells_at_sides(mesh);
     let mut sums: BTreeMap<usize, Vec<f64>> = BTreeMap::new();
     for ([a, b], springs) in sides {
@@ -48,12 +46,7 @@ pub fn edge_springs(
             }
         }
     }
-    // Each block is a class of its own, numbered after those of the cells and the foundations.
-    let block = |(cell, matrix): (usize, Vec<f64>)| {
-        let class = BARE + 2 * cells.len() + cell;
-        (cell, ElementMatrix { class, ..cells[cell].block(&matrix.into(), None) })
-    };
-    Ok(sums.into_iter().map(block).collect())
+    Ok(sums.into_iter().map(|(cell, matrix)| (cell, matrix.into())).collect())
 }
 
 /// Returns the first cell at each side, which is given by its nodes in ascending order.

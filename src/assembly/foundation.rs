@@ -1,16 +1,15 @@
 //! Elastic foundation under the plate.
 
-use super::CellArrays;
+use super::CellMatrix;
 use crate::element::adaptive::Rules;
 use crate::element::quadrature::{self, Rule};
 use crate::element::with_element;
 use crate::error::Result;
-use crate::linalg::{BARE, ElementMatrix};
 use crate::mesh::{Mesh, Point};
 use crate::plate;
 use std::cell::RefCell;
 
-/// Returns the contributions of an elastic foundation to the stiffness, each with its cell.
+/// Returns the stiffness of an elastic foundation, cell by cell.
 ///
 /// `stiffness` is the foundation's stiffness, in N/m^3; cells where it is 0 have no contribution.
 /// `rules` gives other quadrature rules for some cells.
@@ -20,10 +19,9 @@ use std::cell::RefCell;
 /// errors of the stiffness.
 pub fn foundation(
     mesh: &Mesh,
-    cells: &[CellArrays],
     stiffness: &dyn Fn(usize, Point) -> Result<f64>,
     rules: &Rules,
-) -> Result<Vec<(usize, ElementMatrix)>> {
+) -> Result<Vec<CellMatrix>> {
     let fault = RefCell::new(None);
     let matrix = |number: usize| -> Result<Vec<f64>> {
         let value = |at: Point| {
@@ -40,10 +38,5 @@ pub fn foundation(
     fault.into_inner().map_or(Ok(()), Err)?;
     let under =
         matrices.into_iter().enumerate().filter(|(_, matrix)| matrix.iter().any(|entry| *entry != 0.0));
-    // Each block is a class of its own, numbered after those of the cells.
-    let block = |(number, matrix): (usize, Vec<f64>)| {
-        let class = BARE + cells.len() + number;
-        (number, ElementMatrix { class, ..cells[number].block(&matrix.into(), None) })
-    };
-    Ok(under.map(block).collect())
+    Ok(under.map(|(number, matrix)| (number, matrix.into())).collect())
 }

@@ -17,19 +17,19 @@ mod samples;
 mod site_blocks;
 mod sites;
 
-pub use beam::{BeamPiece, BeamStiffness, add_beam_mass, beams, line_in_cells};
+pub use beam::{BeamPiece, BeamStiffness, beams, line_in_cells};
 pub use edge::{EdgeSprings, cells_at_sides, edge_springs};
 pub use foundation::foundation;
 pub use local::Local;
 pub use patches::CurvatureRow;
 pub use pressure::Pressure;
 pub use probe::Probe;
-pub use products::{centres_of_mass, consistent_momenta, forces, singular_momenta, squares};
+pub use products::{centres_of_mass, consistent_momenta, forces, on_nodes, singular_momenta, squares};
 pub use recovery::{Recovery, values_in_slot, vertex_weights};
 pub use site_blocks::{SITES, SiteBlock, StencilSums};
 pub use sites::{RecoverySite, sum_over_ranks};
 
-use crate::dof_map::DofMap;
+use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::adaptive::Triangle;
 use crate::error::Result;
 use crate::linalg::vectors::{axpy, dot};
@@ -38,6 +38,9 @@ use crate::mesh::{Mesh, Point};
 use crate::plate::Sections;
 use std::collections::HashMap;
 use std::rc::Rc;
+
+/// Cell, and a matrix over its local dofs, symmetric and row by row.
+pub type CellMatrix = (usize, Rc<[f64]>);
 
 /// Local arrays of a cell, with its dofs in the numbering of a space.
 #[derive(Debug, Clone)]
@@ -74,6 +77,17 @@ impl CellArrays {
     pub fn add_product(&self, matrix: &[f64], values: &[f64], x: &mut [f64]) {
         let product: Vec<f64> = matrix.chunks_exact(values.len()).map(|row| dot(row, values)).collect();
         self.add(&product, x);
+    }
+
+    /// Returns the values of all local dofs for a vector over the free dofs.
+    pub fn values(&self, x: &[f64]) -> Vec<f64> {
+        (0..self.dofs.len()).map(|local| self.value(local, x)).collect()
+    }
+
+    /// Returns a symmetric local matrix as a form over the free dofs, in a class of its own from
+    /// [`BARE`] on.
+    pub fn form(&self, matrix: &Rc<[f64]>, class: usize) -> ElementMatrix {
+        ElementMatrix { class, ..self.block(matrix, None) }
     }
 
     /// Returns a local vector in terms of the free dofs, with their factors applied.
@@ -143,6 +157,15 @@ pub fn cells(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Ve
     Ok(cells)
 }
 
+/// Returns the cells over all deflections and slopes of a mesh, three per node, held or not.
+pub fn unheld(mesh: &Mesh, cells: &[CellArrays]) -> Vec<CellArrays> {
+    let whole = |(cell, of): (&crate::mesh::Cell, &CellArrays)| {
+        let dofs = cell.nodes().iter().flat_map(|node| (0..PER_NODE).map(move |k| Some(PER_NODE * node + k)));
+        CellArrays { dofs: dofs.collect(), factors: None, ..of.clone() }
+    };
+    mesh.cells.iter().zip(cells).map(whole).collect()
+}
+
 /// Returns the cells' contributions to the stiffness K.
 pub fn stiffness(cells: &[CellArrays]) -> Vec<ElementMatrix> {
     cells.iter().map(|cell| cell.block(&cell.local.stiffness, Some(&cell.local.bending))).collect()
@@ -167,15 +190,15 @@ pub fn singular_mass(cells: &[CellArrays]) -> Vec<SingularMassCell> {
 /// Part of a cell's own mass up to which carried masses are light.
 const LIGHT: f64 = 0.7;
 
-/// Sets the rows of B of cells that carry masses, given the arrays of the bare cells.
+/// Sets the rows of B of cells that carry masses, given the bare cells.
 ///
 /// The singular mass takes the mean over plate and carried masses together, so that B gets no
 /// further row, which would nearly depend on the rows of the cells. Light masses follow the mean of
 /// the plate instead, with an error below the error of the means. Otherwise they would allow
 /// motions with hardly any inertia where the rows of the plate depend on each other, as on
 /// rectangles with simply supported edges.
-pub fn average_carried(cells: &mut [CellArrays], bare: &[Rc<Local>]) {
-    for (cell, bare) in cells.iter_mut().zip(bare) {
+pub fn average_carried(cells: &mut [CellArrays], bare: &[CellArrays]) {
+    for (cell, CellArrays { local: bare, .. }) in cells.iter_mut().zip(bare) {
         let factor = cell.local.weight / bare.weight;
         if factor != 1.0 {
             let local = Rc::make_mut(&mut cell.local);

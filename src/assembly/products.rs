@@ -59,6 +59,6 @@ pub fn centres_of_mass(mesh: &Mesh, cells: &[CellArrays]) -> impl Iterator<Item 
 }
 
 /// Returns the entries at the dofs of a cell of a vector over all dofs of the mesh.
-fn on_nodes(cell: &Cell, shape: &[f64]) -> Vec<f64> {
+pub fn on_nodes(cell: &Cell, shape: &[f64]) -> Vec<f64> {
     cell.nodes().iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]).copied().collect()
 }

@@ -2,7 +2,7 @@
 //! bear, hold, load or hit it.
 //!
 //! All that a scene knows of an attachment is in this file: its table, how it is read and written,
-//! and the name of its effect. The matrices are in `simulation::effects::attached`.
+//! and the name of its effect. The matrices are in `simulation::effects`.
 
 use super::document::Document;
 use super::given::{FieldInput, Region};

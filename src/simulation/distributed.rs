@@ -2,11 +2,9 @@
 
 use super::effects::BuildContext;
 use super::meshing;
-use super::plate_assembly::PlateAssembly;
 use super::regions::{self, NodeSums};
 use super::stops::{self, Stop};
 use super::{DeflectionDof, Model, SolverFactory, levels};
-use crate::assembly;
 use crate::communicator::Communicator;
 use crate::distributed::{Distributed, MeshPart, Part, Refinements, Tips};
 use crate::dof_map::NodeConstraint;
@@ -90,21 +88,9 @@ impl Model<Distributed> {
         if comm.all_reduce_sum(engine.dofs()) == balls.len() {
             return Err(super::nothing_free());
         }
-        super::phase("matrices");
-        let body = PlateAssembly::new(scene, &part.mesh, comm)?;
-        let mut cells = comm.all_ok(assembly::cells(&part.mesh, &part.space, &body))?;
-        super::effects::add_fixed_masses(scene, &part.mesh, &part.holds, comm, &mut cells)?;
         let partition = MeshPart::new(&part, &engine)?;
-        let ground = BuildContext {
-            scene,
-            partition: &partition,
-            mesh: &part.mesh,
-            holds: &part.holds,
-            space: &part.space,
-            gaps: &part.extra,
-            stops: &stops,
-            cells: &cells,
-        };
+        let (mesh, holds) = (&part.mesh, &part.holds);
+        let ground = BuildContext::new((scene, mesh), &partition, holds, &part.space, &part.extra, &stops)?;
         let mut model = super::compose(clock, engine, &ground)?;
         number_nodes(&mut model.sites, comm);
         Ok(model)

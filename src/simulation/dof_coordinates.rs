@@ -43,12 +43,8 @@ pub struct DofCoordinates {
 
 impl DofCoordinates {
     /// Returns the positions for a process's part of a plate, given the engine's numbers of its
-    /// dofs and the attached masses.
-    pub(super) fn new<P: Partition>(
-        ground: &BuildContext<P>,
-        count: usize,
-        carried: impl Iterator<Item = [f64; 3]>,
-    ) -> DofCoordinates {
+    /// dofs.
+    pub(super) fn new<P: Partition>(ground: &BuildContext<P>, count: usize) -> DofCoordinates {
         let BuildContext { scene, mesh, space, partition, .. } = *ground;
         let mut dofs = vec![[0.0; 3]; count];
         let mut put = |dof: Option<usize>, [x, y]: [f64; 2], which: usize| {
@@ -78,7 +74,10 @@ impl DofCoordinates {
             [mean(0), mean(1), 0.0]
         };
         let velocities = match scene.time.mass {
-            Mass::Singular => (0..mesh.cells.len()).map(centre).chain(carried).collect(),
+            Mass::Singular => {
+                let masses = ground.terms.masses().map(|mass| [mass.at.x, mass.at.y, 1.0]);
+                (0..mesh.cells.len()).map(centre).chain(masses).collect()
+            }
             Mass::Consistent | Mass::Modal => dofs.clone(),
         };
         DofCoordinates { dofs, velocities }

@@ -108,7 +108,7 @@ impl Fields {
         lifts: &[Lift],
         curvatures: Option<&PlateCurvatures>,
     ) -> Result<Option<Fields>> {
-        let BuildContext { scene, partition, mesh, space, cells, .. } = *ground;
+        let BuildContext { scene, partition, mesh, space, ref cells, .. } = *ground;
         let Some(snapshots) = scene.output.fields else { return Ok(None) };
         let parts = snapshots.subdivide;
         let curvatures = curvatures.filter(|_| snapshots.stresses);

@@ -54,7 +54,7 @@ pub(crate) use step_check::{advice, check_residual};
 pub use step_monitor::StepMonitor;
 pub use stress_fields::SnapshotStresses;
 
-use crate::assembly::{self, Probe};
+use crate::assembly::Probe;
 use crate::communicator::{Communicator, SelfComm};
 use crate::dof_map::{DofMap, NodeConstraint};
 use crate::error::{Error, Result};
@@ -184,22 +184,10 @@ fn on_ground<R>(
     if space.dofs() == scene.attachments.ball_dofs() {
         return Err(nothing_free());
     }
-    phase("matrices");
     let stops = stops_on(scene, mesh, holds)?;
     let space = space.with_tips(stops.iter().map(|stop| stop.node));
-    let mut cells = assembly::cells(mesh, &space, &PlateAssembly::new(scene, mesh, &SelfComm)?)?;
-    effects::add_fixed_masses(scene, mesh, holds, &SelfComm, &mut cells)?;
     let gaps: Vec<_> = (0..scene.attachments.ball_dofs()).map(|dof| Some(space.extra(dof))).collect();
-    act(&BuildContext {
-        scene,
-        partition: &WholeMesh,
-        mesh,
-        holds,
-        space: &space,
-        gaps: &gaps,
-        stops: &stops,
-        cells: &cells,
-    })
+    act(&BuildContext::new((scene, mesh), &WholeMesh, holds, &space, &gaps, &stops)?)
 }
 
 impl Model {

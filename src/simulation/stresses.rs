@@ -43,10 +43,10 @@ impl<'s> PlateCurvatures<'s> {
 
     /// Prepares the recovery. Collective.
     pub fn new<P: Partition>(ground: &BuildContext<'s, P>) -> Result<PlateCurvatures<'s>> {
-        let BuildContext { scene, mesh, cells, partition, .. } = *ground;
+        let BuildContext { scene, mesh, partition, .. } = *ground;
         let body = PlateAssembly::new(scene, mesh, partition.comm())?;
         let parts = scene.parts.len() + 1;
-        let recovery = Recovery::new(mesh, cells, &|cell| body.part(cell), parts, partition)?;
+        let recovery = Recovery::new(mesh, &ground.cells, &|cell| body.part(cell), parts, partition)?;
         Ok(PlateCurvatures { body, recovery, parts })
     }
 

@@ -26,12 +26,15 @@ pub(in crate::simulation) struct Attribution {
 }
 
 impl Attribution {
-    /// Determines the obstacles at the first instant. Collective.
-    pub fn new<P: Partition>(
+    /// Determines the obstacles at the first instant, if any of them has a name. Collective.
+    pub fn if_named<P: Partition>(
         ground: &BuildContext<P>,
         opposite: &[Vec<usize>],
         bounded: &[DeflectionDof],
-    ) -> Result<Attribution> {
+    ) -> Result<Option<Attribution>> {
+        if ground.scene.obstacles.iter().all(|obstacle| obstacle.name.is_none()) {
+            return Ok(None);
+        }
         let all: Vec<(usize, Opposite)> = opposites(ground.scene, opposite, bounded).enumerate().collect();
         let mut counts = vec![[0; 2]; bounded.len()];
         let mut moves = vec![[false; 2]; bounded.len()];
@@ -49,7 +52,7 @@ impl Attribution {
         if !is_contested {
             attribution.contested.clear();
         }
-        Ok(attribution)
+        Ok(Some(attribution))
     }
 
     /// Determines the nearest obstacles at an instant (s). Collective.

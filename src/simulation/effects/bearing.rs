@@ -4,8 +4,8 @@
 //! load on the unrestrained rigid motions (Farkas' lemma). Otherwise there is a rigid motion that
 //! no obstacle stops and on which the load does work, and the error message names it.
 
+use super::ground::BuildContext;
 use super::of_cells::OfCells;
-use super::statics::Statics;
 use crate::assembly;
 use crate::communicator::Communicator;
 use crate::dof_map::Rigid;
@@ -37,17 +37,16 @@ const MOST_EXCHANGES: usize = 1000;
 /// # Errors
 /// Returns [`Error::Singular`], with `key` and the motion, where no equilibrium exists.
 pub(super) fn equilibrium<E: OfCells, P: Partition>(
-    statics: &Statics<P>,
+    ground: &BuildContext<P>,
     key: &str,
     system: &System<E>,
     stiffness: &Form,
     load: &[f64],
     bounds: &Bounds,
 ) -> Result<Vec<f64>> {
-    let Statics { ground, attached, .. } = statics;
     let engine = &system.engine;
-    let rigid = attached.rigid(ground);
-    if let Some(escape) = escape(statics, &rigid, system, load, bounds)? {
+    let rigid = ground.rigid(&[]);
+    if let Some(escape) = escape(ground, &rigid, system, load, bounds)? {
         let loose = rigid.mechanism().unwrap_or_default();
         return Err(Error::Singular(format!(
             "{key}: the plate has no equilibrium, for its supports leave it a mechanism ({loose}), and no obstacle keeps its \
@@ -61,9 +60,9 @@ pub(super) fn equilibrium<E: OfCells, P: Partition>(
         let arm = (node - centre) / size;
         [arm.norm_squared(), 2.0 * arm.x / size, 2.0 * arm.y / size]
     });
-    let own = assembly::squares(ground.mesh, ground.cells, &bowl.collect::<Vec<_>>());
+    let own = assembly::squares(ground.mesh, &ground.cells, &bowl.collect::<Vec<_>>());
     let [bent, curved] = ground.comm().all_reduce_sum(own);
-    let mass = engine.native().form(assembly::consistent_mass(ground.cells));
+    let mass = engine.native().form(assembly::consistent_mass(&ground.cells));
     let hold = &mass * (HOLD * bent / curved);
     let (u, _, verdict) = scheme::equilibrium_on_bounds(engine, stiffness, hold, load, bounds)?;
     check_residual(0, 0.0, verdict.kkt, ground.scene.solver.tolerance)?;
@@ -73,13 +72,12 @@ pub(super) fn equilibrium<E: OfCells, P: Partition>(
 /// Returns the rigid motion a + b x + c y along which a load drives the plate away from all bounds;
 /// `None` if reactions balance the load. Collective.
 fn escape<E: OfCells, P: Partition>(
-    statics: &Statics<P>,
+    ground: &BuildContext<P>,
     rigid: &Rigid,
     system: &System<E>,
     load: &[f64],
     bounds: &Bounds,
 ) -> Result<Option<Vector3<f64>>> {
-    let Statics { ground, .. } = statics;
     let engine = &system.engine;
     let (centre, size) = rigid.frame();
     let motions = rigid.left();

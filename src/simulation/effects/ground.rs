@@ -1,5 +1,6 @@
 //! Build context of a model.
 
+use super::contributions::{Contributions, PointEvaluation, PointTerm};
 use crate::assembly::{self, CellArrays, Pressure, Probe};
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
@@ -27,17 +28,10 @@ pub(in crate::simulation) struct BuildContext<'g, P: Partition> {
     pub gaps: &'g [Option<usize>],
     /// Tips of compliant stops, in the order of the tips of `space`.
     pub stops: &'g [Stop],
-    pub cells: &'g [CellArrays],
-}
-
-/// Evaluation of the deflection at a point of this process's part of the plate.
-#[derive(Clone)]
-pub(super) struct PointEvaluation {
-    /// Deflection as a linear combination of the free dofs.
-    pub free: Probe,
-    /// Deflection as a linear combination of all deflections and slopes of the part, three per
-    /// node.
-    pub of_shape: Probe,
+    /// Arrays of the cells, with the masses that they carry.
+    pub cells: Vec<CellArrays>,
+    /// Contributions of all effects of the scene.
+    pub terms: Contributions,
 }
 
 impl<P: Partition> BuildContext<'_, P> {
@@ -73,6 +67,13 @@ impl<P: Partition> BuildContext<'_, P> {
                 geometry::place([x, y])
             ))),
         }
+    }
+
+    /// Returns a spring (N/m) or a mass (kg) at a point of the plate, on the one process that
+    /// evaluates the point; `None` on the others. Collective.
+    pub(super) fn point_term(&self, key: &str, at: [f64; 2], amount: f64) -> Result<Option<PointTerm>> {
+        let spot = self.spot(&format!("{key}.at"), at)?;
+        Ok(spot.map(|spot| PointTerm { amount, at: at.into(), spot }))
     }
 
     /// Returns the coefficients of a scene's probe over the engine's dofs, and this process's part
@@ -141,20 +142,36 @@ impl<P: Partition> BuildContext<'_, P> {
         own
     }
 
-    /// Returns the load of a constant pressure, on the local dofs. Collective.
+    /// Returns the number of bodies beside the plate on all processes. Collective.
+    pub(super) fn bodies(&self) -> usize {
+        self.comm().all_reduce_sum(self.terms.bodies.len())
+    }
+
+    /// Returns the load of a constant pressure on all deflections and slopes, three per node.
+    /// Collective.
     pub(super) fn pressed(&self, pressure: &FieldInput) -> Result<Vec<f64>> {
-        let dofs = self.space.dofs();
+        let (cells, dofs) = (assembly::unheld(self.mesh, &self.cells), PER_NODE * self.mesh.nodes.len());
         if let Some(pressure) = pressure.number() {
-            return Ok(assembly::uniform_load(self.cells, dofs, pressure));
+            return Ok(assembly::uniform_load(&cells, dofs, pressure));
         }
         let rules = self.rules(pressure)?;
         let integral = || {
             let mut load = vec![0.0; dofs];
-            let points = Pressure::new(self.mesh, self.cells)?;
+            let points = Pressure::new(self.mesh, &cells)?;
             points.load_by(&rules, |points, values| pressure.values(points, 0.0, values), &mut load)?;
             Ok(load)
         };
         self.comm().all_ok(integral())
+    }
+
+    /// Returns the local load of one on all deflections and slopes, three per node, then on the
+    /// gaps.
+    pub(super) fn local_load(&self, load: &[f64]) -> Vec<f64> {
+        let (of_nodes, of_gaps) = load.split_at(PER_NODE * self.mesh.nodes.len());
+        let mut local = self.space.restrict(of_nodes);
+        let gaps = self.gaps.iter().zip(of_gaps);
+        gaps.for_each(|(gap, value)| gap.iter().for_each(|&gap| local[gap] += value));
+        local
     }
 
     /// Returns special quadrature rules for cells in which a constant field needs them. Collective.

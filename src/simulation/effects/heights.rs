@@ -1,7 +1,7 @@
 //! Heights of the obstacles as bounds on deflections.
 
+use super::contributions::Body;
 use super::ground::BuildContext;
-use super::lumps::AttachedBall;
 use super::motion::Lift;
 use super::sliders::SliderDof;
 use crate::communicator::Communicator;
@@ -41,14 +41,13 @@ pub(super) fn opposite<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<Vec
 pub(super) fn sites<P: Partition>(
     ground: &BuildContext<P>,
     opposite: &[Vec<usize>],
-    balls: &[AttachedBall],
     sliders: &[SliderDof],
 ) -> (Vec<DeflectionDof>, usize) {
     let BuildContext { mesh, space, partition, .. } = ground;
     let mut bounded: Vec<usize> = opposite.iter().flatten().copied().collect();
     bounded.extend(sliders.iter().map(|slider| slider.dof));
-    let bounded_dof = |ball: &AttachedBall| ball.tip.unwrap_or(ball.gap);
-    bounded.extend(balls.iter().filter_map(|ball| partition.own_dof(bounded_dof(ball))));
+    let bodies = || ground.terms.bodies.iter().map(|body| (body.tip.unwrap_or(body.gap), body));
+    bounded.extend(bodies().filter_map(|(dof, _)| partition.own_dof(dof)));
     bounded.sort_unstable();
     let site = |dof: usize, node: usize, at: [f64; 2], is_tip: bool| {
         let dof = partition.own_dof(dof)?;
@@ -56,9 +55,8 @@ pub(super) fn sites<P: Partition>(
     };
     let nodes = (0..mesh.nodes.len()).filter_map(|node| Some((space.deflection(node)?, node)));
     let nodes = nodes.filter_map(|(dof, node)| site(dof, node, mesh.nodes[node].into(), false));
-    let gaps = balls
-        .iter()
-        .filter_map(|ball| site(bounded_dof(ball), mesh.nodes.len() + ball.number, ball.ball.at, false));
+    let gaps = bodies()
+        .filter_map(|(dof, body)| site(dof, mesh.nodes.len() + body.number, body.mass.at.into(), false));
     let tips = space.tips().iter();
     let tips = tips.filter_map(|&(dof, node)| site(dof, node, mesh.nodes[node].into(), true));
     let mut sites: Vec<(bool, DeflectionDof)> = nodes.chain(gaps).chain(tips).collect();
@@ -241,6 +239,26 @@ fn laws(
         }
     }
     Ok(Laws::new(table, numbers))
+}
+
+/// Returns an error where a rigid ball can hit a held point of the plate, since its velocity would
+/// jump. Collective.
+pub(super) fn refuse_stopped<P: Partition>(ground: &BuildContext<P>, bounds: &Bounds) -> Result<()> {
+    let stops = |dof: usize| {
+        let bound = ground.partition.own_dof(dof).and_then(|dof| bounds.dofs.binary_search(&dof).ok());
+        bound.is_some_and(|bound| {
+            !bounds.laws.has(bound) || bounds.rigid(bound).iter().any(|limit| limit.is_finite())
+        })
+    };
+    let is_stopped = |body: &Body| body.spot.free.weights().is_empty() && stops(body.gap);
+    if ground.comm().all_reduce_any(ground.terms.bodies.iter().any(is_stopped)) {
+        return Err(Error::Usage(format!(
+            "time.scheme = \"{}\" needs velocities that do not jump, and a [[ball]] is above a point that supports \
+             hold; give the ball a stiffness, or set time.scheme = \"newmark\"",
+            ground.scene.time.scheme.name()
+        )));
+    }
+    Ok(())
 }
 
 /// Number of points of an obstacle at which jumps of its height are detected.

@@ -1,10 +1,14 @@
-//! Mass of the lowest modes, and damping of single modes.
+//! Mass matrix: consistent, singular, or that of the lowest modes.
 
+use super::ground::BuildContext;
+use super::of_cells::OfCells;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::{CellForm, Engine, Form, MassModes};
+use crate::linalg::{CellForm, Engine, Form};
 use crate::modes::{self, ModeRange};
-use crate::scheme::ModalDamping;
+use crate::partition::Partition;
+use crate::scene::Mass;
+use crate::simulation::phase;
 
 /// Number of modes that carry the inertia where the scene does not say. On the paper's plate they
 /// reach 12 kHz; more modes change the motion by less than other methods differ from each other.
@@ -19,13 +23,46 @@ const REFUSED: usize = 2;
 /// Relative difference of squared frequencies below which rounding mixes their modes.
 const EQUAL: f64 = 1e-7;
 
+/// Returns the mass matrix of a scene, and a warning where it is not unique; `mechanism` tells
+/// whether the plate can move rigidly. Collective.
+///
+/// # Errors
+/// Returns the errors of [`modal_mass`], and [`Error::Singular`] for a rigid motion without
+/// inertia.
+pub(super) fn mass<E: OfCells, P: Partition>(
+    engine: &E,
+    ground: &BuildContext<P>,
+    stiffness: &Form,
+    mechanism: bool,
+) -> Result<(Form, Option<String>)> {
+    let time = &ground.scene.time;
+    let mass = match time.mass {
+        Mass::Singular => {
+            if mechanism {
+                ground.refuse_weightless()?;
+            }
+            engine.native().averages(ground.singular_mass())
+        }
+        Mass::Consistent | Mass::Modal => engine.native().form(ground.consistent_mass()),
+    };
+    engine.require_memory(&(stiffness + &mass), time.factors())?;
+    match mass {
+        Form::Cells(consistent) if time.mass == Mass::Modal => {
+            phase("modes");
+            // Bodies are loose too, and their rigid motions come with those of the plate.
+            modal_mass(engine, stiffness, consistent, time.modes, mechanism || ground.bodies() > 0)
+        }
+        mass => Ok((mass, None)),
+    }
+}
+
 /// Returns the singular mass of the lowest modes of a consistent mass, and a warning where it is
 /// not unique. Collective.
 ///
 /// # Errors
 /// Returns [`Error::Scene`] for more modes than half the dofs, or too few for any vibration, and
 /// the errors of [`modes::lowest_basis`].
-pub(super) fn modal_mass<E: Engine>(
+fn modal_mass<E: Engine>(
     engine: &E,
     stiffness: &Form,
     consistent: CellForm,
@@ -77,10 +114,4 @@ fn divided_group(squares: &[f64], next: f64) -> Option<String> {
             squares.len()
         )
     })
-}
-
-/// Returns the damping of the first modes that vibrate, one damping ratio each.
-pub(super) fn modal_damping(modes: &MassModes, ratios: &[f64]) -> ModalDamping {
-    let elastic = modes.squares.iter().filter(|square| **square > 0.0);
-    ModalDamping::of_rates(elastic.zip(ratios).map(|(square, ratio)| 2.0 * ratio * square.sqrt()).collect())
 }

@@ -1,10 +1,10 @@
-//! Loads of the plate: pressure, point forces, gravity.
+//! Integration of the loads of all effects, and their resultants.
 
-use super::attached::Attached;
+use super::contributions::{Body, Load, LoadLaw, PointTerm};
 use super::ground::BuildContext;
 use crate::assembly::{self, Pressure};
 use crate::communicator::Communicator;
-use crate::dof_map::PER_NODE;
+use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::adaptive::{self, Integrand, Rules, Triangle};
 use crate::error::Result;
 use crate::field::{Enclosure, Field, Interval};
@@ -17,23 +17,22 @@ use crate::simulation::refinement::seen;
 use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
-/// Loads on the dofs of this process's part of the mesh.
-pub(super) struct LocalLoads<P: Partition> {
-    /// Constant part of the load, in N.
-    pub constant: Vec<f64>,
-    /// Products of a factor g(t) and a load vector (N).
-    pub terms: Vec<(FieldInput, Vec<f64>)>,
-    wave: Option<Wave<P>>,
-}
-
-/// Loads on the engine's dofs.
+/// Sum of loads on this process's part of the mesh: on all deflections and slopes, three per node,
+/// held or not, then on the gaps of bodies.
 pub(super) struct Loads<P: Partition> {
-    /// Constant part of the load, in N; `None` where it is zero.
-    pub constant: Option<Vec<f64>>,
+    /// Constant part, in N.
+    constant: Vec<f64>,
     /// Products of a factor g(t) and a load vector (N).
     terms: Vec<(FieldInput, Vec<f64>)>,
-    wave: Option<Wave<P>>,
+    waves: Vec<Rc<Wave<P>>>,
+}
+
+/// Sum of loads at some nodes.
+pub(super) struct LoadsAtNodes<P: Partition> {
+    nodes: Vec<usize>,
+    at_nodes: Loads<P>,
 }
 
 /// Pressure that is no sum of products g(t) h(x, y), integrated at every instant.
@@ -41,12 +40,15 @@ struct Wave<P: Partition> {
     pressure: FieldInput,
     points: Pressure,
     pieces: Vec<Triangle>,
-    /// Number of local dofs.
+    space: DofMap,
+    /// Number of deflections and slopes.
     dofs: usize,
     /// Time step, in s.
     step: f64,
     /// Index of the last time window tested and the result, by length of the window in steps.
     calm: RefCell<BTreeMap<u32, (u64, bool)>>,
+    /// Loads at the last instants, by the bits of the instant (s).
+    known: RefCell<Vec<(u64, Rc<[f64]>)>>,
     partition: P,
 }
 
@@ -54,6 +56,9 @@ struct Wave<P: Partition> {
 /// usual quadrature rule. Windows start at multiples of their length, so that a resumed run makes
 /// the same tests.
 const WINDOWS: [u32; 2] = [256, 16];
+
+/// Number of instants whose wave loads are kept: those of one step of any scheme.
+const KEPT_INSTANTS: usize = 4;
 
 /// Wave at the start of a time window, with bounds over the whole window.
 struct Window<'w> {
@@ -82,11 +87,13 @@ impl<P: Partition> Wave<P> {
         let BuildContext { scene, mesh, cells, space, .. } = ground;
         Ok(Wave {
             pressure: pressure.clone(),
-            points: ground.comm().all_ok(Pressure::new(mesh, cells))?,
+            points: ground.comm().all_ok(Pressure::new(mesh, &assembly::unheld(mesh, cells)))?,
             pieces: ground.comm().all_ok(assembly::pieces(mesh))?,
-            dofs: space.dofs(),
+            space: (*space).clone(),
+            dofs: PER_NODE * mesh.nodes.len(),
             step: scene.time.step,
             calm: RefCell::default(),
+            known: RefCell::default(),
             partition: ground.partition.clone(),
         })
     }
@@ -121,21 +128,27 @@ impl<P: Partition> Wave<P> {
         seen(&self.pressure.key, refined)
     }
 
-    /// Adds the load at an instant (s) to `load`, in N. Collective.
+    /// Adds the load at an instant (s) to `load`, in N, on the engine's dofs. Collective.
     fn add(&self, t: f64, load: &mut [f64]) -> Result<()> {
-        vectors::add(&self.partition.add_up(&self.load(t)?)?, load);
+        vectors::add(&self.partition.add_up(&self.space.restrict(&self.load(t)?))?, load);
         Ok(())
     }
 
-    /// Returns the load at an instant (s), in N, on the local dofs. Collective.
-    fn load(&self, t: f64) -> Result<Vec<f64>> {
-        let mut local = vec![0.0; self.dofs];
+    /// Returns the load at an instant (s), in N, on all deflections and slopes. Collective.
+    fn load(&self, t: f64) -> Result<Rc<[f64]>> {
+        let mut known = self.known.borrow_mut();
+        if let Some((_, load)) = known.iter().find(|(instant, _)| *instant == t.to_bits()) {
+            return Ok(load.clone());
+        }
+        let mut load = vec![0.0; self.dofs];
         let rules = self.rules(t);
         let pressure = |points: &[Point], values: &mut [f64]| self.pressure.values(points, t, values);
-        self.partition
-            .comm()
-            .all_ok(rules.and_then(|rules| self.points.load_by(&rules, pressure, &mut local)))?;
-        Ok(local)
+        let comm = self.partition.comm();
+        comm.all_ok(rules.and_then(|rules| self.points.load_by(&rules, pressure, &mut load)))?;
+        let load: Rc<[f64]> = load.into();
+        known.truncate(KEPT_INSTANTS - 1);
+        known.insert(0, (t.to_bits(), load.clone()));
+        Ok(load)
     }
 }
 
@@ -172,13 +185,16 @@ impl Resultant {
     }
 }
 
-/// Load that is a sum of products of a factor of time and a resultant.
-struct TimedResultant(Vec<(FieldInput, Resultant)>);
+/// Load that is a constant and a sum of products of a factor of time and a resultant.
+struct TimedResultant {
+    constant: Resultant,
+    terms: Vec<(FieldInput, Resultant)>,
+}
 
 impl TimedResultant {
     fn value(&self, t: f64) -> Result<Resultant> {
-        let mut sum = Resultant::default();
-        for (time, of) in &self.0 {
+        let mut sum = self.constant;
+        for (time, of) in &self.terms {
             sum.add(time.at(Point::origin(), t)?, *of);
         }
         Ok(sum)
@@ -187,8 +203,8 @@ impl TimedResultant {
     /// Returns a bound on the magnitudes of the [parts](Resultant::parts), added up, between two
     /// instants (s).
     fn bound(&self, from: f64, to: f64, arm: f64) -> f64 {
-        let mut sums = [Interval::point(0.0); 3];
-        for (time, of) in &self.0 {
+        let mut sums = self.constant.parts(arm).map(Interval::point);
+        for (time, of) in &self.terms {
             let range = time.range(Point::origin(), from, to);
             for (sum, part) in sums.iter_mut().zip(of.parts(arm)) {
                 *sum = sum.plus(range.times(Interval::point(part)));
@@ -221,23 +237,10 @@ const MOST_BOUNDS: u64 = 50_000;
 /// Number of instants for loads that must be integrated at each.
 const WAVE_INSTANTS: u64 = 100;
 
-/// Returns the resultants of all loads. The build context must have all dofs free and a single
-/// process.
-pub(super) fn totals<P: Partition>(ground: &BuildContext<P>, attached: &Attached) -> Result<Vec<LoadTotal>> {
-    let BuildContext { scene, mesh, cells, space, .. } = ground;
+/// Returns the resultants of all loads, on a single process.
+pub(in crate::simulation) fn totals<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<LoadTotal>> {
+    let BuildContext { scene, mesh, .. } = ground;
     let of = |load: &[f64]| Resultant::of(&mesh.nodes, load);
-    let still = |key: &str, load: &[f64]| LoadTotal { key: key.into(), start: of(load), largest: None };
-    let mut totals = Vec::new();
-    let initial = &scene.initial.static_pressure;
-    if !initial.is_zero() {
-        totals.push(still(&initial.key, &ground.pressed(initial)?));
-    }
-    let Some(load) = &scene.load else { return Ok(totals) };
-    if load.gravity != 0.0 {
-        let mut weight = assembly::weight(cells, space.dofs(), load.gravity);
-        attached.add_weight(load.gravity, &mut weight);
-        totals.push(still("load.gravity", &weight));
-    }
     let arm = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.coords.norm()));
     let push = |of: Resultant| of.parts(arm).iter().map(|part| part.abs()).sum::<f64>();
     let end = scene.time.end;
@@ -253,7 +256,7 @@ pub(super) fn totals<P: Partition>(ground: &BuildContext<P>, attached: &Attached
         }
         Ok::<_, crate::Error>((times, largest))
     };
-    let over_time = |key: &str, load: &TimedResultant| {
+    let over_time = |load: &TimedResultant| {
         let (times, mut largest) = among(INSTANTS, &|t| load.value(t))?;
         let mut pending: Vec<[f64; 2]> = times.windows(2).map(|ends| [ends[0], ends[1]]).collect();
         for _ in 0..MOST_BOUNDS {
@@ -269,125 +272,137 @@ pub(super) fn totals<P: Partition>(ground: &BuildContext<P>, attached: &Attached
             }
             pending.extend([[from, middle], [middle, to]]);
         }
-        let start = load.value(0.0)?;
-        Ok::<_, crate::Error>(LoadTotal { key: key.into(), start, largest: Some(largest) })
+        Ok::<_, crate::Error>(largest)
     };
-    let pressure = &load.pressure;
-    if !pressure.changes() {
-        if !pressure.is_zero() {
-            totals.push(still(&pressure.key, &ground.pressed(pressure)?));
-        }
-    } else if let Some(terms) = pressure.terms() {
-        let term =
-            |[time, place]: [FieldInput; 2]| Ok::<_, crate::Error>((time, of(&ground.pressed(&place)?)));
-        let terms = terms.into_iter().map(term).collect::<Result<_>>()?;
-        totals.push(over_time(&pressure.key, &TimedResultant(terms))?);
-    } else {
-        let wave = Wave::new(ground, pressure)?;
-        let value = |t: f64| Ok(of(&wave.load(t)?));
-        let (_, largest) = among(WAVE_INSTANTS, &value)?;
-        totals.push(LoadTotal { key: pressure.key.clone(), start: value(0.0)?, largest: Some(largest) });
+    let mut totals = Vec::new();
+    let initial = &scene.initial.static_pressure;
+    if !initial.is_zero() {
+        let start = of(&ground.pressed(initial)?);
+        totals.push(LoadTotal { key: initial.key.clone(), start, largest: None });
     }
-    for (number, force) in load.forces.iter().enumerate() {
-        let mut unit = vec![0.0; space.dofs()];
-        if let Some(spot) = ground.spot(&format!("load.force.{number}.at"), force.at)? {
-            spot.free.push(1.0, &mut unit);
-        }
-        let key = format!("load.force.{number}");
-        let load = TimedResultant(vec![(force.value.clone(), of(&unit))]);
-        totals.push(match force.value.changes() {
-            true => over_time(&key, &load)?,
-            false => LoadTotal { key, start: load.value(0.0)?, largest: None },
-        });
+    for load in &ground.terms.loads {
+        let Loads { constant, terms, waves } = Loads::new(ground, std::slice::from_ref(load))?;
+        let terms: Vec<_> = terms.into_iter().map(|(time, load)| (time, of(&load))).collect();
+        let timed = TimedResultant { constant: of(&constant), terms };
+        let (start, largest) = match waves.first() {
+            Some(wave) => {
+                let value = |t: f64| Ok(of(&wave.load(t)?));
+                (value(0.0)?, Some(among(WAVE_INSTANTS, &value)?.1))
+            }
+            None if timed.terms.is_empty() => (timed.constant, None),
+            None => (timed.value(0.0)?, Some(over_time(&timed)?)),
+        };
+        totals.push(LoadTotal { key: load.key.clone(), start, largest });
     }
     Ok(totals)
 }
 
-impl<P: Partition> LocalLoads<P> {
-    /// Integrates the loads that can be integrated in advance. Collective.
-    pub fn new(ground: &BuildContext<P>, attached: &Attached) -> Result<LocalLoads<P>> {
-        let BuildContext { scene, cells, space, .. } = ground;
-        let dofs = space.dofs();
-        let mut loads = LocalLoads { constant: vec![0.0; dofs], terms: Vec::new(), wave: None };
-        let Some(load) = &scene.load else { return Ok(loads) };
-        let constant = &mut loads.constant;
-        if load.gravity != 0.0 {
-            vectors::add(&assembly::weight(cells, dofs, load.gravity), constant);
-            attached.add_weight(load.gravity, constant);
-        }
-        if !load.pressure.changes() {
-            vectors::add(&ground.pressed(&load.pressure)?, constant);
-        } else if let Some(terms) = load.pressure.terms() {
-            for [time, place] in terms {
-                let load = ground.pressed(&place)?;
-                match time.number() {
-                    Some(factor) => axpy(factor, &load, constant),
-                    None => loads.terms.push((time, load)),
+impl<P: Partition> Loads<P> {
+    /// Integrates the parts of some loads that can be integrated in advance. Collective.
+    pub fn new(ground: &BuildContext<P>, loads: &[Load]) -> Result<Loads<P>> {
+        let BuildContext { mesh, cells, gaps, .. } = ground;
+        let of_nodes = PER_NODE * mesh.nodes.len();
+        let zeros = vec![0.0; of_nodes + gaps.len()];
+        let mut sum = Loads { constant: zeros.clone(), terms: Vec::new(), waves: Vec::new() };
+        for load in loads {
+            match &load.law {
+                LoadLaw::Weight(gravity) => {
+                    let weight = assembly::weight(&assembly::unheld(mesh, cells), zeros.len(), *gravity);
+                    vectors::add(&weight, &mut sum.constant);
+                    for PointTerm { amount, spot, .. } in ground.terms.masses() {
+                        spot.of_shape.push(-amount * gravity, &mut sum.constant);
+                    }
+                    for Body { number, mass, .. } in &ground.terms.bodies {
+                        sum.constant[of_nodes + number] -= mass.amount * gravity;
+                    }
                 }
+                LoadLaw::Pressure(pressure) => {
+                    let pressed = |place: &FieldInput| {
+                        let mut load = ground.pressed(place)?;
+                        load.resize(zeros.len(), 0.0);
+                        Ok::<_, crate::Error>(load)
+                    };
+                    if !pressure.changes() {
+                        vectors::add(&pressed(pressure)?, &mut sum.constant);
+                    } else if let Some(terms) = pressure.terms() {
+                        for [time, place] in terms {
+                            match time.number() {
+                                Some(factor) => axpy(factor, &pressed(&place)?, &mut sum.constant),
+                                None => sum.terms.push((time, pressed(&place)?)),
+                            }
+                        }
+                    } else {
+                        sum.waves.push(Rc::new(Wave::new(ground, pressure)?));
+                    }
+                }
+                LoadLaw::Force(value, spot) => match value.number() {
+                    Some(force) => spot.iter().for_each(|spot| spot.push(force, &mut sum.constant)),
+                    None => {
+                        let ((law, amplitude), mut load) = (value.law(), zeros.clone());
+                        spot.iter().for_each(|spot| spot.push(amplitude, &mut load));
+                        sum.terms.push((law, load));
+                    }
+                },
             }
-        } else {
-            loads.wave = Some(Wave::new(ground, &load.pressure)?);
         }
-        for (number, force) in load.forces.iter().enumerate() {
-            let mut unit = vec![0.0; dofs];
-            if let Some(spot) = ground.spot(&format!("load.force.{number}.at"), force.at)? {
-                spot.free.push(1.0, &mut unit);
-            }
-            if let Some(value) = force.value.number() {
-                axpy(value, &unit, constant);
-                continue;
-            }
-            let (law, amplitude) = force.value.law();
-            vectors::scale(amplitude, &mut unit);
-            loads.terms.push((law, unit));
-        }
-        Ok(loads)
+        Ok(sum)
     }
 
-    /// Returns the load of changing distribution at an instant (s), in N; `None` if there is none.
-    /// Collective.
-    pub fn wave(&self, t: f64) -> Result<Option<Vec<f64>>> {
-        self.wave.as_ref().map(|wave| wave.load(t)).transpose()
+    /// Returns the loads at some nodes.
+    pub fn at_nodes(&self, nodes: Vec<usize>) -> LoadsAtNodes<P> {
+        let terms = self.terms.iter().map(|(time, load)| (time.clone(), at_nodes(&nodes, load)));
+        let (constant, waves) = (at_nodes(&nodes, &self.constant), self.waves.clone());
+        LoadsAtNodes { at_nodes: Loads { constant, terms: terms.collect(), waves }, nodes }
+    }
+
+    /// Returns the constant load on the engine's dofs, in N; `None` where it is zero. Collective.
+    pub fn constant(&self, ground: &BuildContext<P>) -> Result<Option<Vec<f64>>> {
+        if ground.terms.loads.is_empty() {
+            return Ok(None);
+        }
+        let constant = ground.partition.add_up(&ground.local_load(&self.constant))?;
+        let loaded = ground.comm().all_reduce_any(constant.iter().any(|f| f.abs() > 0.0));
+        Ok(loaded.then_some(constant))
+    }
+
+    /// Returns the time-dependent loads on the engine's dofs: those of fixed distribution, and the
+    /// wave. Collective.
+    pub fn in_time(&self, ground: &BuildContext<P>) -> Result<(Vec<LoadTerm>, Option<Box<LoadOfTime>>)> {
+        let term = |(factor, load): &(FieldInput, Vec<f64>)| {
+            let (factor, load) = (factor.clone(), ground.partition.add_up(&ground.local_load(load))?);
+            let law = factor.formula().map(Field::canonical);
+            Ok(LoadTerm { law, factor: Box::new(move |t| factor.at(Point::origin(), t)), load })
+        };
+        let terms = self.terms.iter().map(term).collect::<Result<_>>()?;
+        let waves = self.waves.clone();
+        let add = move |t, load: &mut [f64]| waves.iter().try_for_each(|wave| wave.add(t, load));
+        let waves = (!self.waves.is_empty()).then(|| -> Box<LoadOfTime> { Box::new(add) });
+        Ok((terms, waves))
     }
 }
 
-impl<P: Partition> Loads<P> {
-    /// Integrates the loads that can be integrated in advance. Collective.
-    pub fn new(ground: &BuildContext<P>, attached: &Attached) -> Result<Loads<P>> {
-        let LocalLoads { constant, terms, wave } = LocalLoads::new(ground, attached)?;
-        if ground.scene.load.is_none() {
-            return Ok(Loads { constant: None, terms: Vec::new(), wave });
-        }
-        let partition = ground.partition;
-        let add_up = |(factor, load): (FieldInput, Vec<f64>)| Ok((factor, partition.add_up(&load)?));
-        let terms = terms.into_iter().map(add_up).collect::<Result<_>>()?;
-        let constant = partition.add_up(&constant)?;
-        let loaded = ground.comm().all_reduce_any(constant.iter().any(|f| f.abs() > 0.0));
-        Ok(Loads { constant: loaded.then_some(constant), terms, wave })
-    }
-
-    /// Adds the time-dependent loads at an instant (s) to `load`, in N. Collective.
-    pub fn add(&self, t: f64, load: &mut [f64]) -> Result<()> {
-        for (factor, of) in &self.terms {
-            axpy(factor.at(Point::origin(), t)?, of, load);
-        }
-        if let Some(wave) = &self.wave {
-            wave.add(t, load)?;
+impl<P: Partition> LoadsAtNodes<P> {
+    /// Subtracts the constant load, and those in time at instants (s) with their weights.
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the loads' formulas.
+    pub fn subtract(&self, instants: &[(f64, f64)], force: &mut [f64]) -> Result<()> {
+        let Loads { constant, terms, waves } = &self.at_nodes;
+        axpy(-1.0, constant, force);
+        for (time, weight) in instants {
+            for (factor, load) in terms {
+                axpy(-weight * factor.at(Point::origin(), *time)?, load, force);
+            }
+            for wave in waves {
+                axpy(-weight, &at_nodes(&self.nodes, &wave.load(*time)?), force);
+            }
         }
         Ok(())
     }
+}
 
-    /// Returns the time-dependent loads: those of fixed distribution, and the wave.
-    pub fn in_time(self) -> (Vec<LoadTerm>, Option<Box<LoadOfTime>>)
-    where
-        P: 'static,
-    {
-        let term = |(factor, load): (FieldInput, Vec<f64>)| LoadTerm {
-            law: factor.formula().map(Field::canonical),
-            factor: Box::new(move |t| factor.at(Point::origin(), t)),
-            load,
-        };
-        let wave = self.wave.map(|wave| -> Box<LoadOfTime> { Box::new(move |t, load| wave.add(t, load)) });
-        (self.terms.into_iter().map(term).collect(), wave)
-    }
+/// Returns the entries at some nodes of a vector over all deflections and slopes.
+fn at_nodes(nodes: &[usize], of_mesh: &[f64]) -> Vec<f64> {
+    nodes.iter().flat_map(|&node| &of_mesh[PER_NODE * node..][..PER_NODE]).copied().collect()
 }

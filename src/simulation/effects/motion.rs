@@ -1,10 +1,7 @@
 //! Support motions and their effects in the moving frame.
 
-use super::attached::Attached;
 use super::ground::BuildContext;
 use super::of_cells::OfCells;
-use super::statics::Statics;
-use crate::assembly;
 use crate::communicator::Communicator;
 use crate::dof_map::{PER_NODE, Place, Support};
 use crate::error::{Error, Result};
@@ -12,7 +9,7 @@ use crate::linalg::vectors::{add, scale, sum};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scene::{FieldInput, Mass};
+use crate::scene::FieldInput;
 use crate::scheme::{SupportMotion, System};
 use crate::simulation::DeflectionDof;
 use crate::simulation::regions::supports;
@@ -29,8 +26,12 @@ pub(in crate::simulation) struct Lift {
 }
 
 /// Returns each support motion with its lift. Collective.
-pub(super) fn lifts<E: OfCells, P: Partition>(system: &System<E>, statics: &Statics<P>) -> Result<Vec<Lift>> {
-    let BuildContext { scene, mesh, partition, .. } = *statics.ground;
+pub(super) fn lifts<E: OfCells, P: Partition>(
+    ground: &BuildContext<P>,
+    system: &System<E>,
+    mechanism: Option<&str>,
+) -> Result<Vec<Lift>> {
+    let BuildContext { scene, mesh, partition, .. } = *ground;
     let comm = partition.comm();
     // Guided edges follow the plate and do not drive it.
     let motions: Vec<Option<&FieldInput>> =
@@ -49,7 +50,7 @@ pub(super) fn lifts<E: OfCells, P: Partition>(system: &System<E>, statics: &Stat
         let shape = [1.0, 0.0, 0.0].repeat(mesh.nodes.len());
         return Ok(vec![Lift { motion: Rc::new((*motion).clone()), shape, is_rigid: true }]);
     }
-    if let Some(loose) = statics.mechanism {
+    if let Some(loose) = mechanism {
         return Err(Error::Singular(format!(
             "{}: supports that move differently must hold the plate, and it is a mechanism: {loose}",
             different[0].key
@@ -79,10 +80,10 @@ pub(super) fn lifts<E: OfCells, P: Partition>(system: &System<E>, statics: &Stat
         comm.all_ok(torn.map_or(Ok(()), |node| Err(tears(motion, mesh.nodes[node]))))?;
         add(&moved, &mut taken);
         let steps: Vec<f64> = moved.iter().flat_map(|&w| [w.min(1.0), 0.0, 0.0]).collect();
-        let mut load = statics.forces(&steps)?;
+        let mut load = ground.forces(&steps, false)?;
         scale(-1.0, &mut load);
-        let u = statics.equilibrium(system, &load, &Bounds::default())?;
-        let bent = statics.ground.space.shape(&system.engine.to_local(&u)?);
+        let u = ground.equilibrium(system, &load, &Bounds::default())?;
+        let bent = ground.space.shape(&system.engine.to_local(&u)?);
         Ok(Lift { motion: Rc::new(motion.clone()), shape: sum(&steps, &bent), is_rigid: false })
     };
     different.into_iter().map(lift).collect()
@@ -104,25 +105,13 @@ impl Lift {
     pub(super) fn moving<P: Partition>(
         &self,
         ground: &BuildContext<P>,
-        attached: &Attached,
         bounded: &[DeflectionDof],
         dofs: usize,
     ) -> Result<SupportMotion> {
-        let BuildContext { scene, mesh, cells, space, partition, .. } = ground;
         let Lift { motion, shape, is_rigid } = self;
-        let mut momentum = vec![0.0; space.dofs()];
-        match scene.time.mass {
-            Mass::Singular => assembly::singular_momenta(mesh, cells, shape, &mut momentum),
-            Mass::Consistent | Mass::Modal => assembly::consistent_momenta(mesh, cells, shape, &mut momentum),
-        }
-        attached.add_momenta(shape, &mut momentum);
-        let stiffness = is_rigid.then(|| {
-            let mut force = vec![0.0; space.dofs()];
-            attached.add_forces(ground, shape, &mut force);
-            partition.add_up(&force)
-        });
+        let stiffness = is_rigid.then(|| ground.forces(shape, true));
         let any = |force: &Vec<f64>| ground.comm().all_reduce_any(force.iter().any(|f| *f != 0.0));
-        let step = scene.time.step;
+        let step = ground.scene.time.step;
         let [place, rate] = [(); 2].map(|()| motion.clone());
         // The gaps of balls are numbered past the nodes; no motion shifts them.
         let at = |site: &DeflectionDof| shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
@@ -133,10 +122,10 @@ impl Lift {
                 // An infinite velocity is replaced by the mean one over the next step.
                 Err(_) => Ok((rate.at(Point::origin(), t + step)? - rate.at(Point::origin(), t)?) / step),
             }),
-            momentum: partition.add_up(&momentum)?,
+            momentum: ground.momenta(shape)?,
             stiffness: stiffness.transpose()?.filter(any),
             at_bounds: bounded.iter().map(at).collect(),
-            shape: ground.owned(&space.interpolate(shape), dofs),
+            shape: ground.owned(&ground.space.interpolate(shape), dofs),
         })
     }
 }

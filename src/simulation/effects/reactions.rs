@@ -8,29 +8,28 @@
 //! of an elastic edge act on all of its nodes, and their force is that of the edge wherever another
 //! support holds the node.
 
-use super::attached::Attached;
-use super::elastic_edges::springs_of;
+use super::contributions::PointTerm;
 use super::ground::BuildContext;
-use super::held_loads::HeldLoads;
-use super::loads::LocalLoads;
-use super::lumps::LumpedMass;
+use super::loads::Loads;
 use super::motion::Lift;
-use crate::assembly::{self, CellArrays, Probe};
+use crate::assembly::{self, CellArrays};
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE, Place};
 use crate::error::Result;
 use crate::linalg::vectors::{axpy, dot};
-use crate::linalg::{ElementMatrix, Engine, Form};
+use crate::linalg::{Engine, Form};
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::scene::SupportKind;
 use crate::scheme::{StepBalance, System};
 use crate::simulation::regions::supports;
-use std::collections::HashMap;
 use std::rc::Rc;
 
 /// Function that sums values at the nodes over all processes. Collective.
 type NodeSum = dyn Fn(&[f64]) -> Result<Vec<f64>>;
+
+/// Function that subtracts the loads at instants (s) with weights at the held nodes. Collective.
+type LoadOfInstants = dyn Fn(&[(f64, f64)], &mut [f64]) -> Result<()>;
 
 /// Force, in N, and moments about x and y, in N m.
 pub(in crate::simulation) type Wrench = [f64; 3];
@@ -50,25 +49,14 @@ struct HeldNode {
 struct HeldCell {
     /// Index of the cell, which is that of its velocity with the singular mass.
     number: usize,
-    arrays: CellArrays,
-    /// Raw matrix of foundations and elastic edges on the cell, or of the edge of one support.
-    bed: Option<Rc<[f64]>>,
-    /// Position among the held nodes of each node of the cell.
-    slots: Vec<Option<usize>>,
+    free: CellArrays,
+    /// The same arrays over all deflections and slopes.
+    whole: CellArrays,
+    /// Contributions of effects to K.
+    beds: Vec<Rc<[f64]>>,
 }
 
-/// Spring or mass that acts on held dofs.
-struct HeldLump {
-    amount: f64,
-    /// Deflection in terms of the free dofs.
-    free: Probe,
-    /// Index of the velocity with the singular mass.
-    velocity: usize,
-    /// Shares of the held dofs in the force.
-    shares: Probe,
-}
-
-/// Forces of a support motion at the held dofs.
+/// Forces of a support motion at the held nodes.
 struct HeldLift {
     /// Forces of the shape at 1 m, and momenta at 1 m/s.
     force: Vec<f64>,
@@ -79,24 +67,34 @@ struct HeldLift {
     is_damped: bool,
 }
 
+/// Deflection over the dofs of this process, or over all deflections and slopes of its nodes.
+#[derive(Clone, Copy)]
+enum DofVector<'d> {
+    Free(&'d [f64]),
+    Whole(&'d [f64]),
+}
+
 /// Reactions of the named supports of a scene, on this process's part of the mesh.
 pub(in crate::simulation) struct Reactions {
     /// Centroid of each named support, in m.
     centroids: Vec<Point>,
     nodes: Vec<HeldNode>,
     cells: Vec<HeldCell>,
-    /// Cells at the elastic edges of named supports.
-    edges: Vec<HeldCell>,
-    springs: Vec<HeldLump>,
-    /// Masses and balls.
-    masses: Vec<HeldLump>,
-    /// Inertia of each mode of the modal mass at the held dofs; empty for other masses.
+    /// Supports whose reaction includes the force of contributions to K, by their index among the
+    /// named ones, and the cells of these.
+    edges: Vec<(usize, Vec<HeldCell>)>,
+    springs: Vec<PointTerm>,
+    /// Masses that the cells do not carry.
+    masses: Vec<PointTerm>,
+    /// Inertia of each mode of the modal mass at the held nodes; empty for other masses.
     modes: Vec<Vec<f64>>,
     lifts: Vec<HeldLift>,
-    loads: HeldLoads,
+    loads: Box<LoadOfInstants>,
     sum_at_nodes: Box<NodeSum>,
     /// Number of nodes of this process.
     count: usize,
+    /// Number of cells of this process.
+    velocities: usize,
 }
 
 impl Reactions {
@@ -104,54 +102,59 @@ impl Reactions {
     /// Collective.
     ///
     /// # Errors
-    /// Returns the errors of the scene's loads and regions on the mesh.
+    /// Returns the errors of the scene's regions on the mesh, and of the engine.
     pub(super) fn new<E: Engine, P: Partition>(
         ground: &BuildContext<P>,
         system: &System<E>,
-        attached: &Attached,
+        loads: &Loads<P>,
         lifts: &[Lift],
     ) -> Result<Option<Reactions>> {
-        let BuildContext { scene, mesh, partition, .. } = *ground;
+        let BuildContext { scene, mesh, partition, terms, .. } = ground;
         if scene.supports.iter().all(|support| support.name.is_none()) {
             return Ok(None);
         }
         let (nodes, centroids) = nodes(ground)?;
-        // The same plate with all dofs, held or not, three per node, then the gaps of balls.
-        let space = DofMap::unsupported(mesh).with_extra(ground.gaps.len());
-        let bare = |(of, cell): (&CellArrays, &crate::mesh::Cell)| CellArrays {
-            dofs: space.dofs_of(cell.nodes()).collect(),
-            factors: None,
-            ..of.clone()
+        let whole = assembly::unheld(mesh, &ground.cells);
+        let cell = |number: usize, beds: Vec<Rc<[f64]>>| {
+            let (free, whole) = (ground.cells[number].clone(), whole[number].clone());
+            HeldCell { number, free, whole, beds }
         };
-        let cells: Vec<CellArrays> = ground.cells.iter().zip(&mesh.cells).map(bare).collect();
-        let gaps = ground.gaps.iter().enumerate();
-        let gaps: Vec<_> = gaps.map(|(ball, gap)| gap.map(|_| space.extra(ball))).collect();
-        let whole = BuildContext { space: &space, cells: &cells, gaps: &gaps, stops: &[], ..*ground };
-        let unheld = Attached::new(&whole)?;
-        let loads = LocalLoads::new(&whole, &unheld)?;
-        let slots = Slots::of_nodes(&nodes, mesh.nodes.len(), |node| node.hold.is_some());
-        let by_partition = partition.clone();
+        let mut is_held = vec![false; mesh.nodes.len()];
+        nodes.iter().filter(|held| held.hold.is_some()).for_each(|held| is_held[held.node] = true);
+        let mut beds = vec![Vec::new(); mesh.cells.len()];
+        terms.stiffness.iter().for_each(|term| beds[term.cell].push(term.matrix.clone()));
+        let cells = beds.into_iter().enumerate();
+        let cells = cells.filter(|(number, _)| mesh.cells[*number].nodes().iter().any(|&node| is_held[node]));
+        let named = scene.supports.iter().enumerate().filter(|(_, support)| support.name.is_some());
+        let edge = |(index, (number, _)): (usize, (usize, _))| {
+            let of_support = terms.stiffness.iter().filter(|term| term.support == Some(number));
+            (index, of_support.map(|term| cell(term.cell, vec![term.matrix.clone()])).collect::<Vec<_>>())
+        };
+        let loads = loads.at_nodes(nodes.iter().map(|held| held.node).collect());
+        let by_partition = (*partition).clone();
         let mut reactions = Reactions {
             centroids,
-            cells: slots.cells(ground, &unheld),
-            edges: edges(ground, &whole, &nodes)?,
-            springs: slots.lumps(attached.springs().iter(), 0),
-            masses: slots.lumps(attached.masses().iter(), mesh.cells.len()),
+            cells: cells.map(|(number, beds)| cell(number, beds)).collect(),
+            edges: named.enumerate().map(edge).filter(|(_, cells)| !cells.is_empty()).collect(),
+            springs: terms.springs.clone(),
+            masses: terms.masses().cloned().collect(),
             modes: Vec::new(),
             lifts: Vec::new(),
-            loads: HeldLoads::new(loads, nodes.iter().map(|held| held.node).collect()),
+            loads: Box::new(move |instants, force| loads.subtract(instants, force)),
             sum_at_nodes: Box::new(move |values| by_partition.sum_at_nodes(values)),
             count: mesh.nodes.len(),
+            velocities: mesh.cells.len(),
             nodes,
         };
         if let Form::Modal { modes, .. } = &system.mass {
-            let inertia =
-                |k: usize| reactions.consistent(&system.engine.to_local(modes.shapes.col_as_slice(k))?);
+            let inertia = |k: usize| {
+                let shape = system.engine.to_local(modes.shapes.col_as_slice(k))?;
+                Ok(reactions.rows(|force| reactions.add_consistent(DofVector::Free(&shape), force)))
+            };
             reactions.modes = (0..modes.count()).map(inertia).collect::<Result<_>>()?;
         }
         let is_singular = matches!(system.mass, Form::SingularMassCells(_));
-        let lift = |lift: &Lift| reactions.lift(ground, attached, lift, is_singular);
-        reactions.lifts = lifts.iter().map(lift).collect();
+        reactions.lifts = lifts.iter().map(|lift| reactions.lift(lift, is_singular)).collect();
         Ok(Some(reactions))
     }
 
@@ -162,36 +165,32 @@ impl Reactions {
     /// Returns the errors of the engine and of the loads.
     pub fn at_nodes<E: Engine>(&self, system: &System<E>, balance: &StepBalance) -> Result<Vec<f64>> {
         let System { engine, mass, damping, .. } = system;
-        let u = engine.to_local(&balance.displacement)?;
-        let mut force = self.elastic(|cell| cell.values(&u));
-        push(&self.springs, |spring| spring.free.deflection(&u), &mut force);
+        let (u, a) = (engine.to_local(&balance.displacement)?, &balance.acceleration);
+        let mut force = self.rows(|force| {
+            self.add_elastic(DofVector::Free(&u), force);
+            if let Form::SingularMassCells(_) = mass {
+                self.add_singular(|cell| a[cell.number], |k, _| a[self.velocities + k], force);
+            }
+        });
         match mass {
             Form::Cells(_) => {
-                let inertia = self.consistent(&engine.to_local(&balance.acceleration)?)?;
-                axpy(1.0, &inertia, &mut force);
+                let a = engine.to_local(a)?;
+                axpy(1.0, &self.rows(|force| self.add_consistent(DofVector::Free(&a), force)), &mut force);
             }
-            Form::SingularMassCells(_) => {
-                for cell in &self.cells {
-                    let a = balance.acceleration[cell.number];
-                    let product: Vec<f64> = cell.arrays.local.row.iter().map(|b| b * a).collect();
-                    cell.add(&product, &mut force);
-                }
-                push(&self.masses, |mass| balance.acceleration[mass.velocity], &mut force);
-            }
+            Form::SingularMassCells(_) => {}
             Form::Modal { .. } => {
-                let modes = self.modes.iter().zip(&balance.acceleration);
-                modes.for_each(|(inertia, a)| axpy(*a, inertia, &mut force));
+                self.modes.iter().zip(a).for_each(|(inertia, a)| axpy(*a, inertia, &mut force));
             }
         }
         for (k, lift) in self.lifts.iter().enumerate() {
             axpy(self.stretch(k, damping.stiffness, balance), &lift.force, &mut force);
             axpy(balance.support_accelerations[k], &lift.momentum, &mut force);
         }
-        self.loads.subtract(&balance.loads, &mut force)?;
+        (self.loads)(&balance.loads, &mut force)?;
         for (node, force) in self.nodes.iter().zip(force.as_chunks_mut::<PER_NODE>().0) {
             *force = node.hold.as_ref().map_or([0.0; PER_NODE], |hold| DofMap::borne(hold, *force));
         }
-        axpy(-1.0, &self.on_edges(|cell| cell.values(&u)), &mut force);
+        axpy(-1.0, &self.on_edges(DofVector::Free(&u)), &mut force);
         for (k, lift) in self.lifts.iter().enumerate() {
             axpy(-self.stretch(k, damping.stiffness, balance), &lift.on_edges, &mut force);
         }
@@ -203,15 +202,6 @@ impl Reactions {
     fn stretch(&self, motion: usize, damping: f64, balance: &StepBalance) -> f64 {
         let rate = if self.lifts[motion].is_damped { damping * balance.support_rates[motion] } else { 0.0 };
         balance.places[motion] + rate
-    }
-
-    /// Returns the forces of the plate on its elastic edges for given values of each cell.
-    fn on_edges(&self, values: impl Fn(&HeldCell) -> Vec<f64>) -> Vec<f64> {
-        let mut force = vec![0.0; PER_NODE * self.nodes.len()];
-        for cell in &self.edges {
-            cell.add_bed(&values(cell), &mut force);
-        }
-        force
     }
 
     /// Returns this process's part of force and moments about the centroid, for each named support.
@@ -251,146 +241,110 @@ impl Reactions {
         Ok(rows)
     }
 
-    /// Returns the elastic forces of plate and foundations for given values of each cell.
-    fn elastic(&self, values: impl Fn(&HeldCell) -> Vec<f64>) -> Vec<f64> {
-        let mut force = vec![0.0; PER_NODE * self.nodes.len()];
-        for cell in &self.cells {
-            let values = values(cell);
-            cell.add(&cell.arrays.local.bending.product(&values), &mut force);
-            cell.add_bed(&values, &mut force);
-        }
-        force
+    /// Returns the entries at the held nodes of forces on all deflections and slopes, to which
+    /// `add` adds.
+    fn rows(&self, add: impl FnOnce(&mut [f64])) -> Vec<f64> {
+        let mut force = vec![0.0; PER_NODE * self.count];
+        add(&mut force);
+        self.nodes.iter().flat_map(|held| &force[PER_NODE * held.node..][..PER_NODE]).copied().collect()
     }
 
-    /// Returns the product of the consistent mass with an acceleration over the local dofs.
-    fn consistent(&self, local: &[f64]) -> Result<Vec<f64>> {
-        let mut force = vec![0.0; PER_NODE * self.nodes.len()];
-        for cell in &self.cells {
-            cell.add_product(&cell.arrays.local.mass, &cell.values(local), &mut force);
+    /// Returns the forces of the plate on its elastic edges.
+    fn on_edges(&self, of: DofVector) -> Vec<f64> {
+        let mut sums = vec![0.0; PER_NODE * self.nodes.len()];
+        for (support, cells) in &self.edges {
+            let force =
+                self.rows(|force| cells.iter().for_each(|cell| cell.add_beds(&of.in_cell(cell), force)));
+            let rows = sums.as_chunks_mut::<PER_NODE>().0.iter_mut().zip(force.as_chunks().0);
+            let rows = self.nodes.iter().zip(rows).filter(|(held, _)| held.support == *support);
+            rows.for_each(|(_, (sum, row))| *sum = *row);
         }
-        push(&self.masses, |mass| mass.free.deflection(local), &mut force);
-        Ok(force)
+        sums
+    }
+
+    /// Adds the elastic forces K u of plate and effects.
+    fn add_elastic(&self, of: DofVector, force: &mut [f64]) {
+        for cell in &self.cells {
+            let values = of.in_cell(cell);
+            cell.whole.add(&cell.whole.local.bending.product(&values), force);
+            cell.add_beds(&values, force);
+        }
+        for spring in &self.springs {
+            push(spring, of.under(spring), force);
+        }
+    }
+
+    /// Adds the product of the consistent mass with an acceleration.
+    fn add_consistent(&self, of: DofVector, force: &mut [f64]) {
+        for cell in &self.cells {
+            cell.whole.add_product(&cell.whole.local.mass, &of.in_cell(cell), force);
+        }
+        for mass in &self.masses {
+            push(mass, of.under(mass), force);
+        }
+    }
+
+    /// Adds the product of the singular mass with an acceleration, given the acceleration of each
+    /// cell and of each mass by its index.
+    fn add_singular(
+        &self,
+        of_cell: impl Fn(&HeldCell) -> f64,
+        of_mass: impl Fn(usize, &PointTerm) -> f64,
+        force: &mut [f64],
+    ) {
+        for cell in &self.cells {
+            let a = of_cell(cell);
+            let product: Vec<f64> = cell.whole.local.row.iter().map(|b| b * a).collect();
+            cell.whole.add(&product, force);
+        }
+        for (k, mass) in self.masses.iter().enumerate() {
+            push(mass, of_mass(k, mass), force);
+        }
     }
 
     /// Returns the forces and momenta of a support motion.
-    fn lift<P: Partition>(
-        &self,
-        ground: &BuildContext<P>,
-        attached: &Attached,
-        lift: &Lift,
-        is_singular: bool,
-    ) -> HeldLift {
-        let nodes = |cell: &HeldCell| ground.mesh.cells[cell.number].nodes().to_vec();
-        let values = &|cell: &HeldCell| -> Vec<f64> {
-            nodes(cell).iter().flat_map(|&node| &lift.shape[PER_NODE * node..][..PER_NODE]).copied().collect()
-        };
-        let (mut force, on_edges) = (self.elastic(values), self.on_edges(values));
-        // Lumps in the order of the attachments.
-        let at = |of: Option<&LumpedMass>| of.map_or(0.0, |of| of.spot.of_shape.deflection(&lift.shape));
-        let mut springs = attached.springs().iter();
-        push(&self.springs, |_| at(springs.next()), &mut force);
-        let mut momentum = vec![0.0; force.len()];
-        for cell in &self.cells {
-            let local = &cell.arrays.local;
-            let values = values(cell);
-            if is_singular {
-                let velocity = dot(&local.row, &values) / local.weight;
-                let product: Vec<f64> = local.row.iter().map(|b| b * velocity).collect();
-                cell.add(&product, &mut momentum);
-            } else {
-                cell.add_product(&local.mass, &values, &mut momentum);
-            }
+    fn lift(&self, lift: &Lift, is_singular: bool) -> HeldLift {
+        let of = DofVector::Whole(&lift.shape);
+        let mean = |cell: &HeldCell| dot(&cell.whole.local.row, &of.in_cell(cell)) / cell.whole.local.weight;
+        HeldLift {
+            force: self.rows(|force| self.add_elastic(of, force)),
+            momentum: self.rows(|force| match is_singular {
+                true => self.add_singular(mean, |_, mass| of.under(mass), force),
+                false => self.add_consistent(of, force),
+            }),
+            on_edges: self.on_edges(of),
+            is_damped: !lift.is_rigid,
         }
-        let mut masses = attached.masses().iter();
-        push(&self.masses, |_| at(masses.next()), &mut momentum);
-        HeldLift { force, momentum, on_edges, is_damped: !lift.is_rigid }
     }
 }
 
-/// Adds the forces of lumps at the held dofs, each its amount times a value.
-fn push(lumps: &[HeldLump], mut value: impl FnMut(&HeldLump) -> f64, force: &mut [f64]) {
-    for lump in lumps {
-        let value = value(lump);
-        lump.shares.push(lump.amount * value, force);
-    }
+/// Adds the force of a spring or of a mass, its amount times a value.
+fn push(term: &PointTerm, value: f64, force: &mut [f64]) {
+    term.spot.of_shape.push(term.amount * value, force);
 }
 
 impl HeldCell {
-    /// Returns the values of the cell's dofs in a vector over the local dofs.
-    fn values(&self, local: &[f64]) -> Vec<f64> {
-        (0..self.arrays.dofs.len()).map(|i| self.arrays.value(i, local)).collect()
-    }
-
-    /// Adds the forces of foundations and elastic edges at the held nodes.
-    fn add_bed(&self, values: &[f64], force: &mut [f64]) {
-        if let Some(matrix) = &self.bed {
-            self.add_product(matrix, values, force);
-        }
-    }
-
-    /// Adds a vector over the cell's dofs at the held nodes.
-    fn add(&self, of_cell: &[f64], force: &mut [f64]) {
-        for (slot, values) in self.slots.iter().zip(of_cell.as_chunks::<PER_NODE>().0) {
-            if let Some(slot) = slot {
-                axpy(1.0, values, &mut force[PER_NODE * slot..][..PER_NODE]);
-            }
-        }
-    }
-
-    /// Adds the product of a symmetric matrix over the cell's dofs at the held nodes.
-    fn add_product(&self, matrix: &[f64], values: &[f64], force: &mut [f64]) {
-        let product: Vec<f64> = matrix.chunks_exact(values.len()).map(|row| dot(row, values)).collect();
-        self.add(&product, force);
+    /// Adds the forces of the contributions of effects.
+    fn add_beds(&self, values: &[f64], force: &mut [f64]) {
+        self.beds.iter().for_each(|matrix| self.whole.add_product(matrix, values, force));
     }
 }
 
-/// Position of each node among the held ones.
-struct Slots(Vec<Option<usize>>);
-
-impl Slots {
-    /// Numbers the held nodes that are `chosen`.
-    fn of_nodes(nodes: &[HeldNode], count: usize, chosen: impl Fn(&HeldNode) -> bool) -> Slots {
-        let mut slots = vec![None; count];
-        let chosen = nodes.iter().enumerate().filter(|(_, held)| chosen(held));
-        chosen.for_each(|(slot, held)| slots[held.node] = Some(slot));
-        Slots(slots)
-    }
-
-    /// Returns a cell with the matrix of what it lies on.
-    fn cell<P: Partition>(
-        &self,
-        ground: &BuildContext<P>,
-        number: usize,
-        bed: Option<Rc<[f64]>>,
-    ) -> HeldCell {
-        let nodes = ground.mesh.cells[number].nodes();
-        let slots = nodes.iter().map(|&node| self.0[node]).collect();
-        HeldCell { number, arrays: ground.cells[number].clone(), bed, slots }
-    }
-
-    /// Returns the cells at held nodes.
-    fn cells<P: Partition>(&self, ground: &BuildContext<P>, unheld: &Attached) -> Vec<HeldCell> {
-        let mut beds: HashMap<usize, Rc<[f64]>> = HashMap::new();
-        for (number, matrix) in unheld.bed_matrices() {
-            let sum = |known: &Rc<[f64]>| known.iter().zip(&*matrix).map(|(a, b)| a + b).collect();
-            let sum = beds.get(&number).map_or_else(|| matrix.clone(), sum);
-            beds.insert(number, sum);
+impl DofVector<'_> {
+    /// Returns the values at the dofs of a cell.
+    fn in_cell(&self, cell: &HeldCell) -> Vec<f64> {
+        match self {
+            DofVector::Free(u) => cell.free.values(u),
+            DofVector::Whole(shape) => cell.whole.values(shape),
         }
-        let cells =
-            (0..ground.mesh.cells.len()).map(|number| self.cell(ground, number, beds.get(&number).cloned()));
-        cells.filter(|cell| cell.slots.iter().any(Option::is_some)).collect()
     }
 
-    /// Returns all lumps with their shares at held dofs; `first` is the velocity of the first.
-    fn lumps<'l>(&self, lumps: impl Iterator<Item = &'l LumpedMass>, first: usize) -> Vec<HeldLump> {
-        let lump = |(k, LumpedMass { amount, spot, .. }): (usize, &'l LumpedMass)| {
-            let held = spot.of_shape.weights().iter().filter_map(|(dof, weight)| {
-                Some((PER_NODE * self.0[dof / PER_NODE]? + dof % PER_NODE, *weight))
-            });
-            let shares = held.fold(Probe::default(), |probe, (dof, weight)| probe.with(dof, weight));
-            HeldLump { amount: *amount, free: spot.free.clone(), velocity: first + k, shares }
-        };
-        lumps.enumerate().map(lump).collect()
+    /// Returns the deflection at a spring or a mass.
+    fn under(&self, term: &PointTerm) -> f64 {
+        match self {
+            DofVector::Free(u) => term.spot.free.deflection(u),
+            DofVector::Whole(shape) => term.spot.of_shape.deflection(shape),
+        }
     }
 }
 
@@ -440,24 +394,4 @@ fn nodes<P: Partition>(ground: &BuildContext<P>) -> Result<(Vec<HeldNode>, Vec<P
         centroids.push(Point::new(x, y) / weight);
     }
     Ok((nodes, centroids))
-}
-
-/// Returns the cells at the elastic edges of named supports, with the springs of each. Collective.
-fn edges<P: Partition>(
-    ground: &BuildContext<P>,
-    whole: &BuildContext<P>,
-    nodes: &[HeldNode],
-) -> Result<Vec<HeldCell>> {
-    let BuildContext { scene, mesh, .. } = *ground;
-    let places = supports(scene, mesh, ground.comm())?;
-    let named = scene.supports.iter().zip(places).filter(|(support, _)| support.name.is_some());
-    let mut cells = Vec::new();
-    for (number, (support, (place, _))) in named.enumerate() {
-        let sides = springs_of(ground, support, &place);
-        let blocks = ground.comm().all_ok(assembly::edge_springs(mesh, whole.cells, sides))?;
-        let slots = Slots::of_nodes(nodes, mesh.nodes.len(), |node| node.support == number);
-        let cell = |(cell, block): (usize, ElementMatrix)| slots.cell(ground, cell, Some(block.matrix));
-        cells.extend(blocks.into_iter().map(cell));
-    }
-    Ok(cells)
 }

@@ -1,12 +1,10 @@
 //! Initial conditions.
 
 use super::bearing;
+use super::contributions::Body;
 use super::ground::BuildContext;
-use super::loads::Loads;
-use super::lumps::AttachedBall;
 use super::motion::Lift;
 use super::of_cells::OfCells;
-use super::statics::Statics;
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
@@ -20,72 +18,71 @@ use crate::simulation::DofCoordinates;
 /// Tolerance, relative to the deflection, for a start within the obstacles and on the supports.
 const BEYOND: f64 = 1e-9;
 
-impl<P: Partition> Statics<'_, P> {
+impl<P: Partition> BuildContext<'_, P> {
     /// Computes the equilibrium from which the scene starts. Collective.
-    fn at_rest<E: OfCells>(&self, system: &System<E>, loads: &Loads<P>) -> Result<Vec<f64>> {
-        let BuildContext { scene, partition, .. } = self.ground;
+    fn at_rest<E: OfCells>(&self, system: &System<E>, mechanism: Option<&'static str>) -> Result<Vec<f64>> {
+        let BuildContext { scene, partition, .. } = self;
         let initial = &scene.initial;
         let key = if initial.equilibrium { "initial.equilibrium" } else { "initial.static_pressure" };
-        if let (Some(motion), true) = (self.mechanism, scene.obstacles.is_empty()) {
+        if let (Some(motion), true) = (mechanism, scene.obstacles.is_empty()) {
             return Err(Error::Singular(format!(
                 "{key}: the plate has no equilibrium, for its supports leave it a mechanism: {motion}"
             )));
         }
         crate::simulation::phase("static start");
-        let mut load = partition.add_up(&self.ground.pressed(&initial.static_pressure)?)?;
+        let mut load = partition.add_up(&self.local_load(&self.pressed(&initial.static_pressure)?))?;
         system.drive.add_support_force(0.0, &mut load)?;
         if initial.equilibrium {
-            if let Some(constant) = &loads.constant {
+            if let Some(constant) = &system.load {
                 add(constant, &mut load);
             }
-            loads.add(0.0, &mut load)?;
+            for term in &system.drive.terms {
+                axpy((term.factor)(0.0)?, &term.load, &mut load);
+            }
+            system.drive.load.iter().try_for_each(|of_time| of_time(0.0, &mut load))?;
         }
-        self.lift_balls(&mut load)?;
-        let of_balls = self.attached.balls.iter().flat_map(|ball| ball.tip.into_iter().chain([ball.gap]));
-        let gaps: Vec<usize> = of_balls.filter_map(|dof| partition.own_dof(dof)).collect();
+        self.lift_bodies(&mut load)?;
+        let gaps = self.terms.bodies.iter().flat_map(|body| body.tip.into_iter().chain([body.gap]));
+        let gaps: Vec<usize> = gaps.filter_map(|dof| partition.own_dof(dof)).collect();
         let mut bounds = system.bounds.clone();
         for (i, dof) in bounds.dofs.iter().enumerate() {
             if gaps.contains(dof) {
                 (bounds.lower[i], bounds.upper[i]) = (f64::NEG_INFINITY, f64::INFINITY);
             }
         }
-        if self.mechanism.is_none() {
+        if mechanism.is_none() {
             return self.equilibrium(system, &load, &bounds);
         }
-        let held = self.held(system);
-        let stiffness = held.as_ref().unwrap_or(&system.stiffness);
-        bearing::equilibrium(self, key, system, stiffness, &load, &bounds)
+        bearing::equilibrium(self, key, system, &self.stiffness_at_rest(system), &load, &bounds)
     }
 
-    /// Removes the loads of balls from `load`, where they act on the gaps and on the plate below:
-    /// held at rest, balls do not load the plate. Collective.
-    fn lift_balls(&self, load: &mut [f64]) -> Result<()> {
-        let BuildContext { scene, space, partition, .. } = self.ground;
-        if scene.attachments.balls.is_empty() {
+    /// Removes the loads of bodies from `load`, where they act on the gaps and on the plate below:
+    /// held at rest, bodies do not load the plate. Collective.
+    fn lift_bodies(&self, load: &mut [f64]) -> Result<()> {
+        if self.gaps.is_empty() {
             return Ok(());
         }
-        let mut local = vec![0.0; space.dofs()];
-        for AttachedBall { spot, gap, .. } in &self.attached.balls {
-            if let Some(dof) = partition.own_dof(*gap) {
+        let mut local = vec![0.0; self.space.dofs()];
+        for Body { spot, gap, .. } in &self.terms.bodies {
+            if let Some(dof) = self.partition.own_dof(*gap) {
                 spot.free.push(-load[dof], &mut local);
                 load[dof] = 0.0;
             }
         }
-        add(&partition.add_up(&local)?, load);
+        add(&self.partition.add_up(&local)?, load);
         Ok(())
     }
 }
 
 /// Returns the initial conditions of `[initial]` and warnings on them. Collective.
 pub(super) fn start<E: OfCells, P: Partition>(
+    ground: &BuildContext<P>,
     system: &System<E>,
-    statics: &Statics<P>,
-    loads: &Loads<P>,
+    mechanism: Option<&'static str>,
     lifts: &[Lift],
     places: &DofCoordinates,
 ) -> Result<(Start, Option<String>)> {
-    let Statics { ground, attached, .. } = statics;
-    let BuildContext { scene, space, .. } = **ground;
+    let BuildContext { scene, space, .. } = *ground;
     let comm = ground.comm();
     let initial = &scene.initial;
     let engine = &system.engine;
@@ -106,16 +103,16 @@ pub(super) fn start<E: OfCells, P: Partition>(
         velocity = v;
         u
     } else if initial.equilibrium || !initial.static_pressure.is_zero() {
-        statics.at_rest(system, loads)?
+        ground.at_rest(system, mechanism)?
     } else {
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
         ground.owned(&space.interpolate(&comm.all_ok(shape)?), engine.dofs())
     };
     let (u, v) = (engine.to_local(&displacement)?.into_owned(), engine.to_local(&velocity)?.into_owned());
-    for AttachedBall { ball, spot, gap, tip, .. } in &attached.balls {
+    for Body { spot, gap, tip, start, .. } in &ground.terms.bodies {
         let Some(dof) = ground.partition.own_dof(*gap) else { continue };
-        displacement[dof] = ball.height - spot.free.deflection(&u);
-        velocity[dof] = ball.velocity - spot.free.deflection(&v);
+        displacement[dof] = start[0] - spot.free.deflection(&u);
+        velocity[dof] = start[1] - spot.free.deflection(&v);
         for (Lift { motion, shape, .. }, rate) in lifts.iter().zip(&rates) {
             let lift = spot.of_shape.deflection(shape);
             displacement[dof] -= lift * motion.at(Point::origin(), 0.0)?;
@@ -126,7 +123,8 @@ pub(super) fn start<E: OfCells, P: Partition>(
         }
     }
     if scene.initial.from.is_none() {
-        let tips = ground.tips().map(|(_, tip)| tip).chain(attached.balls.iter().filter_map(|ball| ball.tip));
+        let tips =
+            ground.tips().map(|(_, tip)| tip).chain(ground.terms.bodies.iter().filter_map(|body| body.tip));
         let tips = tips.filter_map(|tip| ground.partition.own_dof(tip));
         compress(tips, &system.bounds, &mut displacement, &mut velocity);
     }

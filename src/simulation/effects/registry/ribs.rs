@@ -1,73 +1,34 @@
-//! Ribs of this process's part of the plate.
+//! Ribs: beams along lines of the plate.
 
-use super::ground::BuildContext;
-use crate::assembly::{self, BeamPiece, BeamStiffness, CellArrays};
+use crate::assembly::{self, BeamPiece, BeamStiffness};
 use crate::communicator::Communicator;
-use crate::dof_map::PER_NODE;
 use crate::error::Result;
-use crate::linalg::ElementMatrix;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
-use crate::scene::{Rib, RibPath, Scene};
+use crate::scene::{Rib, RibPath};
+use crate::simulation::effects::contributions::Contributions;
+use crate::simulation::effects::ground::BuildContext;
 use crate::simulation::regions::require;
 use std::collections::HashSet;
-
-/// Beams along lines of the plate, whose masses are those of its cells.
-#[derive(Default)]
-pub(super) struct Ribs {
-    /// Contributions to K, each with its cell.
-    pub blocks: Vec<(usize, ElementMatrix)>,
-}
 
 /// Distance of two places, relative to the length of a rib, below which they are one.
 const SAME: f64 = 1e-9;
 
-/// Adds the masses of the ribs to those of the cells. Collective.
-pub(super) fn add_masses(
-    scene: &Scene,
-    mesh: &Mesh,
-    comm: &impl Communicator,
-    cells: &mut [CellArrays],
-) -> Result<()> {
-    for (number, rib) in scene.attachments.ribs.iter().enumerate().filter(|(_, rib)| rib.mass > 0.0) {
-        let pieces = pieces(mesh, comm, rib, number)?;
-        comm.all_ok(assembly::add_beam_mass(mesh, cells, rib.mass, &pieces))?;
-    }
-    Ok(())
-}
-
-impl Ribs {
-    /// Locates all ribs. Collective.
-    pub fn new<P: Partition>(ground: &BuildContext<P>) -> Result<Ribs> {
-        let mut stiff = Vec::new();
-        for (number, rib) in ground.scene.attachments.ribs.iter().enumerate() {
-            let of = BeamStiffness { bending: rib.bending, torsion: rib.torsion };
-            let pieces = pieces(ground.mesh, ground.comm(), rib, number)?;
-            stiff.extend(pieces.into_iter().map(|piece| (piece, of)));
+/// Adds all ribs, whose masses the cells carry. Collective.
+pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contributions) -> Result<()> {
+    let (mesh, comm) = (ground.mesh, ground.comm());
+    let mut stiff = Vec::new();
+    for (number, rib) in ground.scene.attachments.ribs.iter().enumerate() {
+        let of = BeamStiffness { bending: rib.bending, torsion: rib.torsion };
+        for piece in pieces(mesh, comm, rib, number)? {
+            if rib.mass > 0.0 {
+                sum.carried.extend(piece.masses(rib.mass).map(|(at, mass)| (piece.cell, at, mass)));
+            }
+            stiff.push((piece, of));
         }
-        let blocks = ground.comm().all_ok(assembly::beams(ground.mesh, ground.cells, &stiff))?;
-        Ok(Ribs { blocks })
     }
-
-    /// Adds the forces of the ribs under a shape (three values per node) to `force`, in N.
-    pub fn add_forces<P: Partition>(&self, ground: &BuildContext<P>, shape: &[f64], force: &mut [f64]) {
-        add_forces(self.blocks.iter(), ground, shape, force);
-    }
-}
-
-/// Adds the forces of matrices on cells under a shape (three values per node) to `force`, in N.
-pub(super) fn add_forces<'b, P: Partition>(
-    blocks: impl Iterator<Item = &'b (usize, ElementMatrix)>,
-    ground: &BuildContext<P>,
-    shape: &[f64],
-    force: &mut [f64],
-) {
-    for (cell, block) in blocks {
-        let nodes = ground.mesh.cells[*cell].nodes();
-        let values = nodes.iter().flat_map(|&node| &shape[PER_NODE * node..][..PER_NODE]);
-        let values: Vec<f64> = values.copied().collect();
-        ground.cells[*cell].add_product(&block.matrix, &values, force);
-    }
+    sum.add_stiffness(comm.all_ok(assembly::beams(mesh, &stiff))?, false, None);
+    Ok(())
 }
 
 /// Returns the pieces of a rib on this process; cells on both sides of a line share it. Collective.

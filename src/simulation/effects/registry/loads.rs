@@ -1,0 +1,25 @@
+//! Loads of the table `[load]`: gravity, pressure, point forces.
+
+use crate::error::Result;
+use crate::partition::Partition;
+use crate::scene;
+use crate::simulation::effects::contributions::{Contributions, Load, LoadLaw};
+use crate::simulation::effects::ground::BuildContext;
+
+/// Adds the loads of `[load]`. Collective.
+pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contributions) -> Result<()> {
+    let Some(scene::Load { pressure, gravity, forces }) = &ground.scene.load else { return Ok(()) };
+    let mut add = |key: &str, law| sum.loads.push(Load { key: key.into(), law });
+    if *gravity != 0.0 {
+        add("load.gravity", LoadLaw::Weight(*gravity));
+    }
+    if !pressure.is_zero() {
+        add(&pressure.key, LoadLaw::Pressure(pressure.clone()));
+    }
+    for (number, force) in forces.iter().enumerate() {
+        let key = format!("load.force.{number}");
+        let spot = ground.spot(&format!("{key}.at"), force.at)?;
+        add(&key, LoadLaw::Force(force.value.clone(), spot.map(|spot| spot.of_shape)));
+    }
+    Ok(())
+}

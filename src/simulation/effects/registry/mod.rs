@@ -1,0 +1,72 @@
+//! Registry of the effects, and the build context with the contributions of all of them.
+
+mod balls;
+mod elastic_edges;
+mod foundations;
+mod loads;
+mod masses;
+mod ribs;
+mod springs;
+mod stop_springs;
+
+use crate::assembly;
+use crate::communicator::Communicator;
+use crate::dof_map::{DofMap, NodeConstraint};
+use crate::error::Result;
+use crate::mesh::Mesh;
+use crate::partition::Partition;
+use crate::scene::Scene;
+use crate::simulation::effects::contributions::Contributions;
+use crate::simulation::effects::ground::BuildContext;
+use crate::simulation::phase;
+use crate::simulation::plate_assembly::PlateAssembly;
+use crate::simulation::stops::Stop;
+
+/// Function that adds the contributions of an effect; nothing where the scene does not have it.
+/// Collective.
+type Effect<P> = fn(&BuildContext<P>, &mut Contributions) -> Result<()>;
+
+/// Returns all effects in the order of their contributions: a further one takes its file, its row
+/// here, and its page in `docs/scenes.md`.
+fn effects<P: Partition>() -> [Effect<P>; 8] {
+    [
+        foundations::add,
+        elastic_edges::add,
+        ribs::add,
+        springs::add,
+        masses::add,
+        stop_springs::add,
+        balls::add,
+        loads::add,
+    ]
+}
+
+impl<'g, P: Partition> BuildContext<'g, P> {
+    /// Collects the cells, and the contributions of all effects. `gaps` and `stops` are those of
+    /// the fields of the same names. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the scene's formulas and regions on the mesh.
+    pub fn new(
+        (scene, mesh): (&'g Scene, &'g Mesh),
+        partition: &'g P,
+        holds: &'g [NodeConstraint],
+        space: &'g DofMap,
+        gaps: &'g [Option<usize>],
+        stops: &'g [Stop],
+    ) -> Result<BuildContext<'g, P>> {
+        phase("matrices");
+        let comm = partition.comm();
+        let bare = comm.all_ok(assembly::cells(mesh, space, &PlateAssembly::new(scene, mesh, comm)?))?;
+        let (cells, terms) = (bare.clone(), Contributions::default());
+        let mut ground = BuildContext { scene, partition, mesh, holds, space, gaps, stops, cells, terms };
+        let mut terms = Contributions::default();
+        effects().into_iter().try_for_each(|add| add(&ground, &mut terms))?;
+        ground.terms = terms;
+        let mut carried = ground.terms.carried.iter();
+        let add = |&(cell, at, mass)| assembly::add_point_mass(mesh, &mut ground.cells, cell, at, mass);
+        comm.all_ok(carried.try_for_each(add))?;
+        assembly::average_carried(&mut ground.cells, &bare);
+        Ok(ground)
+    }
+}
