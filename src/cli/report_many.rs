@@ -112,9 +112,8 @@ fn cheapest(study: &Value) -> RunTable {
         Value::Number(number) => number.to_string(),
         _ => String::new(),
     };
-    let row = |entry: &Value| {
-        ["among", "accuracy", "run", "seconds", "error"].map(|key| cell(&entry[key])).to_vec()
-    };
+    let row =
+        |run: &Value| ["among", "accuracy", "run", "seconds", "error"].map(|key| cell(&run[key])).to_vec();
     RunTable {
         heading: "Cheapest run for each accuracy".to_owned(),
         heads: heads.map(str::to_owned).to_vec(),

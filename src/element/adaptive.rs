@@ -497,10 +497,10 @@ fn add(integral: &mut [f64; 3], piece: &Triangle, parts: [f64; 3]) {
 /// Returns the rules of the cells in which some piece needs its own.
 fn rules(pieces: &[Triangle], cut_up: BTreeMap<usize, Parts>) -> Rules {
     let mut rules = Rules::new();
-    let unusual: BTreeMap<usize, Parts> = cut_up.into_iter().filter(|(_, parts)| !parts.is_usual()).collect();
+    let mut unusual: BTreeMap<usize, Parts> =
+        cut_up.into_iter().filter(|(_, parts)| !parts.is_usual()).collect();
     let cells: std::collections::BTreeSet<usize> =
         unusual.keys().map(|number| pieces[*number].cell).collect();
-    let mut unusual = unusual;
     for cell in cells {
         let first = pieces.partition_point(|piece| piece.cell < cell);
         let count = pieces[first..].iter().take_while(|piece| piece.cell == cell).count();

@@ -289,21 +289,16 @@ impl Field {
         Ok(())
     }
 
-    fn jet_with(
-        &self,
-        stack: &mut Stack<Derivatives>,
-        point: Point,
-        t: f64,
-    ) -> Result<Derivatives, ParseError> {
+    fn jet_with(&self, stack: &mut Stack<Derivatives>, p: Point, t: f64) -> Result<Derivatives, ParseError> {
         let jet = code::run(&self.code, stack, |name| match name {
             Name::T => Derivatives::moving(t),
-            place => Derivatives::constant(variable(point, t)(place)),
+            place => Derivatives::constant(variable(p, t)(place)),
         });
-        self.finite(point, t, jet.value)?;
+        self.finite(p, t, jet.value)?;
         if jet.first.is_finite() {
             return Ok(jet);
         }
-        let wrong = format!("no velocity{}; expected a smooth formula", self.describe(point, t));
+        let wrong = format!("no velocity{}; expected a smooth formula", self.describe(p, t));
         Err(ParseError::new(&self.text, 0, wrong))
     }
 

@@ -260,25 +260,19 @@ pub(super) mod tests {
 
     #[test]
     fn the_folder_is_the_first_that_the_environment_names() {
-        let folder_for = |set: &[(&str, &str)]| {
+        let place = |set: &[(&str, &str)]| {
             let value = |name: &str| {
                 set.iter().find(|(variable, _)| *variable == name).map(|(_, value)| value.into())
             };
             cache_folder(value).map(|folder| folder.to_string_lossy().into_owned())
         };
         let home = ("HOME", "/home/ada");
-        assert_eq!(folder_for(&[]), None);
-        assert_eq!(folder_for(&[home]).as_deref(), Some("/home/ada/.cache/rebond"));
-        assert_eq!(
-            folder_for(&[home, ("XDG_CACHE_HOME", "here")]).as_deref(),
-            Some("/home/ada/.cache/rebond")
-        );
-        assert_eq!(
-            folder_for(&[home, ("XDG_CACHE_HOME", "/var/cache")]).as_deref(),
-            Some("/var/cache/rebond")
-        );
-        assert_eq!(folder_for(&[home, (VARIABLE, "modes")]).as_deref(), Some("modes"));
-        assert_eq!(folder_for(&[home, (VARIABLE, "")]), None);
+        assert_eq!(place(&[]), None);
+        assert_eq!(place(&[home]).as_deref(), Some("/home/ada/.cache/rebond"));
+        assert_eq!(place(&[home, ("XDG_CACHE_HOME", "here")]).as_deref(), Some("/home/ada/.cache/rebond"));
+        assert_eq!(place(&[home, ("XDG_CACHE_HOME", "/var/cache")]).as_deref(), Some("/var/cache/rebond"));
+        assert_eq!(place(&[home, (VARIABLE, "modes")]).as_deref(), Some("modes"));
+        assert_eq!(place(&[home, (VARIABLE, "")]), None);
     }
 
     #[test]

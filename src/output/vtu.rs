@@ -353,23 +353,21 @@ pub fn read(path: &Path) -> Result<Surface> {
     let bytes = fs::read(path).map_err(Error::io(path))?;
     if path.extension().is_some_and(|extension| extension == "pvtu") {
         let text = String::from_utf8_lossy(&bytes);
-        let mut whole = Surface::default();
+        let mut sum = Surface::default();
         for piece in tags(&text, "Piece").filter_map(|tag| attribute(tag, "Source")) {
             let Surface { points, cells, deflection, reaction, obstacles, parents, von_mises } =
                 read(&path.with_file_name(piece))?;
-            let before = whole.points.len();
-            let parents_before = whole.parents.iter().max().map_or(0, |last| last + 1);
-            whole.parents.extend(parents.into_iter().map(|parent| parent + parents_before));
-            whole.obstacles.iter_mut().zip(obstacles).for_each(|(faces, piece)| faces.extend(piece));
-            whole
-                .cells
-                .extend(cells.into_iter().map(|cell| cell.iter().map(|point| point + before).collect()));
-            whole.points.extend(points);
-            whole.deflection.extend(deflection);
-            whole.reaction.extend(reaction);
-            whole.von_mises.extend(von_mises);
+            let before = sum.points.len();
+            let parents_before = sum.parents.iter().max().map_or(0, |last| last + 1);
+            sum.parents.extend(parents.into_iter().map(|parent| parent + parents_before));
+            sum.obstacles.iter_mut().zip(obstacles).for_each(|(faces, piece)| faces.extend(piece));
+            sum.cells.extend(cells.into_iter().map(|cell| cell.iter().map(|point| point + before).collect()));
+            sum.points.extend(points);
+            sum.deflection.extend(deflection);
+            sum.reaction.extend(reaction);
+            sum.von_mises.extend(von_mises);
         }
-        return Ok(whole);
+        return Ok(sum);
     }
     piece(&bytes).map_err(|what| malformed(path, what))
 }

@@ -331,10 +331,7 @@ fn judge(steps: &[f64], elements: &[Changes]) -> Vec<Claim> {
     let verdict = |holds: bool| if holds { Verdict::Holds } else { Verdict::Fails };
     let every = |holds: &dyn Fn(&Changes) -> bool| verdict(elements.iter().all(holds));
     let lines = |line: &dyn Fn(&Changes) -> String| {
-        elements
-            .iter()
-            .map(|changes| format!("{}  {}", changes.element, line(changes)))
-            .collect::<Vec<String>>()
+        elements.iter().map(|case| format!("{}  {}", case.element, line(case))).collect::<Vec<String>>()
     };
     let list = |changes: &[f64]| {
         let entry = |(step, change): (&f64, &f64)| format!("{:+.5} at {} s", change, significant(*step));
@@ -353,51 +350,49 @@ fn judge(steps: &[f64], elements: &[Changes]) -> Vec<Claim> {
     vec![
         Claim {
             claim: "with e = 0 energy is lost at impacts and only there",
-            measured: lines(&|changes| {
-                let Flights { count, drift, loss, rise } = changes.flights;
+            measured: lines(&|case| {
+                let Flights { count, drift, loss, rise } = case.flights;
                 format!(
                     "step {least} s: of the invariant H, {loss:.2e} is lost in steps with contact, none of which raises it by more than \
                      {rise:.0e}; in each of the {count} flights between them it is constant to {drift:.0e}"
                 )
             }),
-            verdict: every(&|changes| {
-                changes.flights.drift < ROUNDING
-                    && changes.flights.rise < ROUNDING
-                    && changes.flights.loss > 0.0
+            verdict: every(&|case| {
+                case.flights.drift < ROUNDING && case.flights.rise < ROUNDING && case.flights.loss > 0.0
             }),
         },
         Claim {
             claim: "with e = 0 the loss vanishes with the step",
-            measured: lines(&|changes| list(&changes.absorbing)),
-            verdict: every(&|changes| vanishes(&changes.absorbing) && changes.absorbing.is_sorted()),
+            measured: lines(&|case| list(&case.absorbing)),
+            verdict: every(&|case| vanishes(&case.absorbing) && case.absorbing.is_sorted()),
         },
         Claim {
             claim: "the consistent mass loses far more than the singular one",
-            measured: lines(&|changes| {
-                let (consistent, singular) = (changes.consistent, last(&changes.absorbing));
+            measured: lines(&|case| {
+                let (consistent, singular) = (case.consistent, last(&case.absorbing));
                 let ratio = consistent / singular;
                 format!("step {least} s: {consistent:+.5} against {singular:+.5}, {ratio:.0} times as much")
             }),
-            verdict: every(&|changes| changes.consistent < 2.0 * last(&changes.absorbing)),
+            verdict: every(&|case| case.consistent < 2.0 * last(&case.absorbing)),
         },
         Claim {
             claim: "with e = 1 the energy grows, and a small step cures it",
-            measured: lines(&|changes| list(&changes.bouncing)),
-            verdict: every(&|changes| grows_and_is_cured(&changes.bouncing)),
+            measured: lines(&|case| list(&case.bouncing)),
+            verdict: every(&|case| grows_and_is_cured(&case.bouncing)),
         },
         Claim {
             claim: "triangles need smaller steps than quadrilaterals",
             measured: vec![
                 "the energy of each run above changes more on triangles than on quadrilaterals".to_owned(),
             ],
-            verdict: verdict(stricter(|changes| &changes.absorbing) && stricter(|changes| &changes.bouncing)),
+            verdict: verdict(stricter(|case| &case.absorbing) && stricter(|case| &case.bouncing)),
         },
         Claim {
             claim: "the midpoint scheme does likewise",
-            measured: lines(&|changes| list(&changes.midpoint)),
+            measured: lines(&|case| list(&case.midpoint)),
             verdict: verdict(
-                elements.iter().all(|changes| grows_and_is_cured(&changes.midpoint))
-                    && stricter(|changes| &changes.midpoint),
+                elements.iter().all(|case| grows_and_is_cured(&case.midpoint))
+                    && stricter(|case| &case.midpoint),
             ),
         },
     ]

@@ -25,25 +25,21 @@ pub fn warnings(scene: &Scene, model: &Model) -> Vec<String> {
 
 /// Returns the warnings of a model on another engine, with `dofs` dofs on all processes.
 ///
-/// `model_warnings` are those from building the model. The matrices are examined on the native
+/// `notes` are those from building the model. The matrices are examined on the native
 /// engine, in this process alone; no other process takes part.
-pub fn warnings_apart(scene: &Scene, model_warnings: &[String], dofs: usize) -> Vec<String> {
+pub fn warnings_apart(scene: &Scene, notes: &[String], dofs: usize) -> Vec<String> {
     let native = on_native_engine(scene);
     let model = (dofs <= MOST_DOFS).then(|| Model::new(&native).ok()).flatten();
-    judged_with_matrices(scene, model_warnings, model.as_ref().map(|model| (&native, model)))
+    judged_with_matrices(scene, notes, model.as_ref().map(|model| (&native, model)))
 }
 
 /// Returns the warnings of a run, whose natural frequencies may fail without ending it.
-fn judged_with_matrices(
-    scene: &Scene,
-    model_warnings: &[String],
-    native: Option<(&Scene, &Model)>,
-) -> Vec<String> {
+fn judged_with_matrices(scene: &Scene, notes: &[String], native: Option<(&Scene, &Model)>) -> Vec<String> {
     match native.map(|(native, model)| (model, frequencies_of(native, model))) {
-        None => judged(scene, model_warnings, None),
-        Some((model, Ok(frequencies))) => judged(scene, model_warnings, Some((model, &frequencies))),
+        None => judged(scene, notes, None),
+        Some((model, Ok(frequencies))) => judged(scene, notes, Some((model, &frequencies))),
         Some((_, Err(error))) => {
-            let mut warnings = judged(scene, model_warnings, None);
+            let mut warnings = judged(scene, notes, None);
             warnings
                 .push(format!("time.step is not judged, because the natural frequencies failed: {error}"));
             warnings
@@ -51,14 +47,14 @@ fn judged_with_matrices(
     }
 }
 
-/// Returns the warnings of the scene, `model_warnings` from building its model, and those of the
+/// Returns the warnings of the scene, `notes` from building its model, and those of the
 /// matrices where a model and its frequencies are given.
 pub(super) fn judged(
     scene: &Scene,
-    model_warnings: &[String],
+    notes: &[String],
     matrices: Option<(&Model, &Frequencies)>,
 ) -> Vec<String> {
-    let mut warnings = model_warnings.to_vec();
+    let mut warnings = notes.to_vec();
     warnings.extend(of_scene(scene));
     warnings.extend(in_time::warnings(scene));
     warnings.extend(points::warnings(scene));

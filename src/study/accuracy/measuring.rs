@@ -148,9 +148,8 @@ fn timed(scene: &Scene, keep_fields: bool, run: &Runner) -> Result<((Trajectory,
     let clock = CpuClock::start();
     let (trajectory, outcome) = run(scene, keep_fields)?;
     let share = clock.share();
-    let seconds = outcome.seconds;
-    let seconds =
-        [seconds.assembly + seconds.equilibrium + seconds.factor, seconds.stepping - seconds.blocks.rows];
+    let time = outcome.seconds;
+    let seconds = [time.assembly + time.equilibrium + time.factor, time.stepping - time.blocks.rows];
     Ok(((trajectory, outcome), seconds.map(|seconds| share * seconds)))
 }
 

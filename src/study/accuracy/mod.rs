@@ -81,7 +81,7 @@ pub trait Watch {
     fn done(&mut self, so_far: &Accuracy) -> Result<()>;
 }
 
-/// Runs a study: every case of its plan that an `earlier` part of it has not run.
+/// Runs a study: every case of its plan that is not in the `past` part of it.
 ///
 /// Up to `jobs` cases run at the same time if all are on the native engine, which makes their times
 /// unreliable. A failed run is recorded, and the study goes on.
@@ -92,7 +92,7 @@ pub trait Watch {
 pub fn study(
     scene: &Scene,
     study: &Study,
-    earlier: Option<Accuracy>,
+    past: Option<Accuracy>,
     run: &Runner,
     jobs: usize,
     watch: &mut dyn Watch,
@@ -103,13 +103,13 @@ pub fn study(
     let interval = study.interval(base.time.end).ok_or_else(|| {
         Error::Usage("the steps of the study have no common multiple short enough to compare runs".into())
     })?;
-    let todo = Todo::new(&plan, study, earlier.as_ref());
+    let todo = Todo::new(&plan, study, past.as_ref());
     let together = PART_OF_PERIOD * first_period(base)?;
     let setting = Setting { base, study, interval, together, run };
     let parts = usize::from(todo.reference) + todo.limits.len() + todo.cases.len();
     watch.begins(parts, setting.estimate_seconds(&todo));
 
-    let mut accuracy = earlier.unwrap_or_else(|| Accuracy::unknown(base, study, interval));
+    let mut accuracy = past.unwrap_or_else(|| Accuracy::unknown(base, study, interval));
     accuracy.dropped = plan.dropped.clone();
     accuracy.at_once = accuracy.at_once.max(jobs);
     let reference = if todo.reference { Some(setting.reference(&mut accuracy, watch)?) } else { None };
@@ -239,8 +239,7 @@ impl Setting<'_> {
             let error = horizon(time.probes);
             run.at_floor = error < FLOOR * horizon(truth.error.probes);
             (run.time_error, run.space_error) = (Some(error), Some(horizon(limit.space.probes)));
-            run.first_impact_error =
-                taken.first_impact().zip(truth.first_impact).map(|(instant, reference)| instant - reference);
+            run.first_impact_error = taken.first_impact().zip(truth.first_impact).map(|(a, b)| a - b);
             run.time = Some(time);
         }
         if self.study.floor && self.is_finest(&case.grid) {
@@ -301,11 +300,8 @@ impl Setting<'_> {
         let steps = scene.time.steps() as f64;
         scene.time.end = scene.time.step * steps.min(FORETELLING_STEPS);
         (self.run)(&scene, false).map_or([0.0; 2], |(_, outcome)| {
-            let seconds = outcome.seconds;
-            [
-                seconds.assembly + seconds.equilibrium + seconds.factor,
-                seconds.stepping / outcome.steps.max(1) as f64,
-            ]
+            let time = outcome.seconds;
+            [time.assembly + time.equilibrium + time.factor, time.stepping / outcome.steps.max(1) as f64]
         })
     }
 }
@@ -374,19 +370,17 @@ struct Todo {
 }
 
 impl Todo {
-    fn new(plan: &Plan, study: &Study, earlier: Option<&Accuracy>) -> Todo {
-        let failed =
-            |what: String| earlier.is_some_and(|earlier| earlier.failures.iter().any(|f| f.what == what));
-        let measured =
-            |case: &Case| earlier.is_some_and(|earlier| earlier.runs.iter().any(|run| run.case == *case));
+    fn new(plan: &Plan, study: &Study, past: Option<&Accuracy>) -> Todo {
+        let failed = |what: String| past.is_some_and(|past| past.failures.iter().any(|f| f.what == what));
+        let measured = |case: &Case| past.is_some_and(|past| past.runs.iter().any(|run| run.case == *case));
         let is_left = |case: &&Case| !measured(case) && !failed(case.to_string());
         let cases: Vec<Case> = plan.cases.iter().filter(is_left).copied().collect();
-        let (mut limits, mut reference) = (Vec::new(), earlier.is_none());
+        let (mut limits, mut reference) = (Vec::new(), past.is_none());
         for &grid in plan.grids.iter().filter(|_| study.limits) {
             let always = (study.reference_mass == Mass::Singular).then_some(Family::Singular);
             let of_methods = plan.cases.iter().filter(|case| case.grid == grid);
             for family in always.into_iter().chain(of_methods.map(|case| Family::of(&case.method))) {
-                let is_known = earlier.is_some_and(|earlier| earlier.limit(&grid, family).is_some());
+                let is_known = past.is_some_and(|past| past.limit(&grid, family).is_some());
                 let is_needed =
                     cases.iter().any(|case| case.grid == grid && Family::of(&case.method) == family);
                 let is_over = is_known || failed(format!("limit, {}, {family}", mesh_name(&grid)));
