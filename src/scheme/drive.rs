@@ -138,8 +138,8 @@ fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f6
     Ok(engine.comm().all_reduce_sum_slice(&own))
 }
 
-/// Time-dependent loads, obstacles and supports, modal damping and friction. All processes evaluate them at
-/// the same instants.
+/// Time-dependent loads, obstacles and supports, modal damping and friction. All processes evaluate
+/// them at the same instants.
 #[derive(Default)]
 pub struct TimeDependence {
     /// Time-dependent loads of fixed distribution.

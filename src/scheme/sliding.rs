@@ -1,19 +1,18 @@
 //! Sliders: dry friction of given normal forces, with memory of where each has slipped to.
 //!
-//! A slider resists the motion of its dof by the law of
-//! [`Slider`](crate::contact_law::Slider) about an anchor `$a^n$`, in the bounded configuration of
-//! the step: `$U^{n+1}$` for Newmark with e = 0, `$U^{n+1/2}$` for the midpoint rule. With the force
-//! r of the step and the stiffness k of its spring, the anchor there is `$a = U + r / k$`, and over
-//! the whole step it moves by
+//! A slider resists the motion of its dof by the law of [`Slider`](crate::contact_law::Slider)
+//! about an anchor `$a^n$`, in the bounded configuration of the step: `$U^{n+1}$` for Newmark with
+//! e = 0, `$U^{n+1/2}$` for the midpoint rule. With the force r of the step and the stiffness k of
+//! its spring, the anchor there is `$a = U + r / k$`, and over the whole step it moves by
 //!
 //! ```math
 //! a^{n+1} - a^n = \rho\,(a - a^n), \qquad D^{n+1} = D^n - r\,(a^{n+1} - a^n) \ge D^n ,
 //! ```
 //!
 //! with `$\rho = 1$` for Newmark and 2 for the midpoint rule. With the midpoint rule the energy of
-//! the plate, that of the springs and the dissipated energy D add up to a constant. With Newmark the
-//! sum never rises by more than `$\tfrac12 F |a^{n+1} - a^n|$`, and what it loses is of first order
-//! in the step, as for [bounds that yield](super::newmark).
+//! the plate, that of the springs and the dissipated energy D add up to a constant. With Newmark
+//! the sum never rises by more than `$\tfrac12 F |a^{n+1} - a^n|$`, and what it loses is of first
+//! order in the step, as for [bounds that yield](super::newmark).
 
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;

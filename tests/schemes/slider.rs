@@ -133,7 +133,7 @@ fn limits_are_a_spring_and_nothing() {
         };
         let at = "at = [1.2, 0.2], stiffness = 3e4";
         same(&rows(&format!("slider = [{{ {at}, force = 1e-9 }}]")), &rows(""), 1e-9);
-        // Newmark takes the force of the slider at the end of a step, and that of the spring as a mean.
+        // Newmark takes the force of the slider at the end of a step, that of the spring as a mean.
         if scheme == "midpoint" {
             let stuck = rows(&format!("slider = [{{ {at}, force = 1e9 }}]"));
             same(&stuck, &rows(&format!("spring = [{{ {at} }}]")), 1e-10);
