@@ -97,13 +97,13 @@ fn print_stress_costs(watch: Duration) {
             product = product.min(turn.elapsed());
             let turn = Instant::now();
             for _ in 0..STEPS {
-                seen.note(u, 0.0).expect("stresses");
+                seen.note(&system.engine, u, 0.0).expect("stresses");
             }
             usual = usual.min(turn.elapsed());
             let mut new: Vec<_> = (0..STEPS).filter_map(|_| model.stress_watch()).collect();
             let turn = Instant::now();
             for unseen in &mut new {
-                unseen.note(u, 0.0).expect("stresses");
+                unseen.note(&system.engine, u, 0.0).expect("stresses");
             }
             first = first.min(turn.elapsed());
         }

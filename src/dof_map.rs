@@ -268,7 +268,9 @@ impl DofMap {
 
     /// Returns deflection and slopes at all nodes, three per node; 0 where held.
     pub fn shape(&self, x: &[f64]) -> Vec<f64> {
-        (0..self.free.len()).map(|i| self.dof(i).map_or(0.0, |(dof, factor)| factor * x[dof])).collect()
+        let mut shape: Vec<f64> = self.free.iter().map(|dof| dof.map_or(0.0, |dof| x[dof])).collect();
+        self.factors.iter().for_each(|(&of_shape, factor)| shape[of_shape] *= factor);
+        shape
     }
 
     /// Returns the space with `extra` more dofs after those of the nodes.

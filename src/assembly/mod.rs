@@ -25,8 +25,7 @@ pub use patches::CurvatureRow;
 pub use pressure::Pressure;
 pub use probe::Probe;
 pub use products::{centres_of_mass, consistent_momenta, forces, on_nodes, singular_momenta, squares};
-pub use recovery::{Recovery, values_in_slot, vertex_weights};
-pub use site_blocks::{SITES, SiteBlock, StencilSums};
+pub use recovery::{Recovery, vertex_weights};
 pub use sites::{RecoverySite, sum_over_ranks};
 
 use crate::dof_map::{DofMap, PER_NODE};

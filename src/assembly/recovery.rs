@@ -16,14 +16,13 @@ use super::CellArrays;
 use super::border::{self, SiteSums};
 use super::patches::{Corners, CurvatureRow, Patches, SitePatch};
 use super::samples::{ClassSamples, Sample, of_element};
-use super::site_blocks::{SITES, SiteBlock, StencilSums};
+use super::site_blocks::StencilSums;
 use super::sites::{RecoverySite, sum_over_ranks};
 use crate::dof_map::PER_NODE;
 use crate::element::{Element, with_element};
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
-use nalgebra::{Matrix3, Vector3};
 use std::collections::{BTreeSet, HashMap};
 
 /// Recovery of curvatures at the nodes of each part of the plate.
@@ -46,8 +45,6 @@ pub struct Recovery {
     /// Sums over this rank's dofs: the fits where the mesh is divided among ranks, otherwise the
     /// curvatures at the sites.
     stencils: StencilSums,
-    /// Position of each site in blocks of eight: entry s % 8 of block s / 8.
-    slots: Vec<u32>,
 }
 
 impl Recovery {
@@ -100,16 +97,12 @@ impl Recovery {
             let RecoverySite { node, .. } = sites[site];
             (node, patches.stencil(node, terms))
         };
-        let (stencils, slots) = if P::DIVIDES {
-            let fit = |number: usize| stencil(fits[number].0, &[(number, 1.0)]);
-            (StencilSums::new((0..fits.len()).map(fit)), (0..sites.len() as u32).collect())
+        let stencils = if P::DIVIDES {
+            StencilSums::new((0..fits.len()).map(|number| stencil(fits[number].0, &[(number, 1.0)])))
         } else {
-            let site = |site: usize| stencil(site, sums.terms(site));
-            let stencils = StencilSums::new((0..sites.len()).map(site));
-            let slots = stencils.slots().to_vec();
-            (stencils, slots)
+            StencilSums::new((0..sites.len()).map(|site| stencil(site, sums.terms(site))))
         };
-        Ok(Recovery { sites, of_cells, parts, fits, patches, sums, stencils, slots })
+        Ok(Recovery { sites, of_cells, parts, fits, patches, sums, stencils })
     }
 
     /// Returns the sites.
@@ -127,63 +120,21 @@ impl Recovery {
         self.patches.row(fit)
     }
 
-    /// Returns the position of each site in blocks of eight: entry s % 8 of block s / 8. Positions
-    /// without a site have arbitrary values.
-    pub fn slots(&self) -> &[u32] {
-        &self.slots
-    }
-
-    /// Returns the number of blocks that hold all sites.
-    pub fn blocks(&self) -> usize {
-        self.slots.iter().max().map_or(0, |&last| last as usize / SITES + 1)
-    }
-
-    /// Returns sums whose results are the products of a matrix with the curvatures at the sites,
-    /// with slots of their own; `None` where the mesh is divided among ranks.
-    pub fn mapped<P: Partition>(&self, map: &Matrix3<f64>) -> Option<StencilSums> {
-        let site = |site: usize| {
-            let RecoverySite { node, .. } = self.sites[site];
-            let mut stencil = self.patches.stencil(node, self.sums.terms(site));
-            for [a, b, c, _] in stencil.iter_mut().flat_map(|(_, weights)| weights) {
-                [*a, *b, *c] = (map * Vector3::new(*a, *b, *c)).into();
-            }
-            (node, stencil)
-        };
-        (!P::DIVIDES).then(|| StencilSums::new((0..self.sites.len()).map(site)))
-    }
-
-    /// Computes the curvatures at the sites, block by block, for a deflection given by w, w_x and
-    /// w_y at all nodes of this rank's cells. The values are followed by [`SITES`] more that do not
-    /// matter. Collective.
+    /// Returns the curvatures at the sites for a deflection given by w, w_x and w_y at all nodes of
+    /// this rank's cells, three values per node. Collective.
     ///
     /// # Errors
     /// Returns the errors of communication.
-    pub fn curvatures<P: Partition>(
-        &self,
-        nodal: [&[f64]; PER_NODE],
-        partition: &P,
-        curvatures: &mut [SiteBlock],
-    ) -> Result<()> {
-        if P::DIVIDES {
-            let mut fits = vec![SiteBlock::default(); self.stencils.blocks()];
-            self.stencils.compute(nodal, &mut fits);
-            self.sum_fits(&fits, partition, curvatures)
-        } else {
-            self.stencils.compute(nodal, curvatures);
-            Ok(())
-        }
+    pub fn curvatures<P: Partition>(&self, shape: &[f64], partition: &P) -> Result<Vec<[f64; 3]>> {
+        let sums = self.stencils.compute(shape);
+        if P::DIVIDES { self.sum_fits(&sums, partition) } else { Ok(sums) }
     }
 
-    /// Computes the curvatures at the sites from this rank's shares of the fits. Collective.
-    fn sum_fits<P: Partition>(
-        &self,
-        shares: &[SiteBlock],
-        partition: &P,
-        curvatures: &mut [SiteBlock],
-    ) -> Result<()> {
+    /// Returns the curvatures at the sites from this rank's shares of the fits. Collective.
+    fn sum_fits<P: Partition>(&self, shares: &[[f64; 3]], partition: &P) -> Result<Vec<[f64; 3]>> {
         let mut of_sites = vec![[0.0; 9]; self.sites.len()];
-        for ((site, which), slot) in self.fits.iter().zip(self.stencils.slots()) {
-            of_sites[*site][3 * which..][..3].copy_from_slice(&values_in_slot(shares, *slot));
+        for ((site, which), share) in self.fits.iter().zip(shares) {
+            of_sites[*site][3 * which..][..3].copy_from_slice(share);
         }
         sum_over_ranks(&self.sites, self.parts, partition, &mut of_sites)?;
         let sum = |site: usize| {
@@ -200,12 +151,7 @@ impl Recovery {
         let is_own = |site: usize| !self.sums.is_shared(site);
         (0..shared.len()).filter(|&site| is_own(site)).for_each(|site| shared[site] = [0.0; 3]);
         sum_over_ranks(&self.sites, self.parts, partition, &mut shared)?;
-        for (site, &slot) in self.slots.iter().enumerate() {
-            let (block, lane) = (slot as usize / SITES, slot as usize % SITES);
-            let curvature = if is_own(site) { own[site] } else { shared[site] };
-            (0..3).for_each(|k| curvatures[block][k][lane] = curvature[k]);
-        }
-        Ok(())
+        Ok((0..own.len()).map(|site| if is_own(site) { own[site] } else { shared[site] }).collect())
     }
 
     /// Returns the weights of the fits in a sum over the sites with these weights, the same on all
@@ -229,11 +175,6 @@ impl Recovery {
         }
         Ok(of_fits)
     }
-}
-
-/// Returns the values in a slot of blocks of eight.
-pub fn values_in_slot(blocks: &[SiteBlock], slot: u32) -> [f64; 3] {
-    blocks[slot as usize / SITES].map(|values| values[slot as usize % SITES])
 }
 
 /// Returns the sites of a mesh, by part and node, and those of the nodes of each cell.

@@ -11,10 +11,10 @@ use pulp::{Arch, Simd, WithSimd};
 use std::collections::HashMap;
 
 /// Number of sites per block.
-pub const SITES: usize = 8;
+const SITES: usize = 8;
 
 /// Three components of a quantity at the sites of a block, component by component.
-pub type SiteBlock = [[f64; SITES]; 3];
+type SiteBlock = [[f64; SITES]; 3];
 
 /// Weights with which the three dofs of a node enter three sums, a row per dof. The fourth entry of
 /// a row is 0, so that a row fills a register of the processor.
@@ -28,7 +28,7 @@ pub(super) type Stencil = Vec<(i32, NodeWeights)>;
 /// Each sum has a *slot*: slot s is entry s % 8 of block s / 8. Slots without a sum have arbitrary
 /// values.
 #[derive(Clone, Debug)]
-pub struct StencilSums {
+pub(super) struct StencilSums {
     stencils: Vec<Stencil>,
     /// Stencil of each block of sums, and the node of its first site. The sites of a block lie at
     /// eight consecutive nodes.
@@ -98,20 +98,18 @@ impl StencilSums {
         sums
     }
 
-    /// Returns the slot of each sum.
-    pub fn slots(&self) -> &[u32] {
-        &self.slots
-    }
-
-    /// Returns the number of blocks that hold all slots.
-    pub fn blocks(&self) -> usize {
-        self.blocks.len() + self.singles.len().div_ceil(SITES)
-    }
-
-    /// Computes all sums from the values of the three dofs of the nodes. The values are followed by
-    /// at least [`SITES`] more, which are read for slots without a sum.
-    pub fn compute(&self, nodal: [&[f64]; PER_NODE], sums: &mut [SiteBlock]) {
-        self.arch.dispatch(SumsOfStencils { of: self, nodal, sums });
+    /// Returns all sums for given values of the three dofs of each node, node by node.
+    pub fn compute(&self, shape: &[f64]) -> Vec<[f64; 3]> {
+        let mut sums = vec![SiteBlock::default(); self.blocks.len() + self.singles.len().div_ceil(SITES)];
+        // Slots without a sum read values past the last node.
+        let mut nodal = [0; PER_NODE].map(|_| vec![0.0; shape.len() / PER_NODE + SITES]);
+        for (node, values) in shape.as_chunks::<PER_NODE>().0.iter().enumerate() {
+            nodal.iter_mut().zip(values).for_each(|(nodal, value)| nodal[node] = *value);
+        }
+        let nodal = nodal.each_ref().map(Vec::as_slice);
+        self.arch.dispatch(SumsOfStencils { of: self, nodal, sums: &mut sums });
+        let sum = |&slot: &u32| sums[slot as usize / SITES].map(|values| values[slot as usize % SITES]);
+        self.slots.iter().map(sum).collect()
     }
 }
 

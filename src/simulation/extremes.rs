@@ -1,19 +1,18 @@
 //! Largest von Mises stress over all steps of a run, at each node and on the whole plate.
 
-use super::effects::{BuildContext, Lift};
-use super::stresses::{PlateCurvatures, SiteValues};
+use super::effects::BuildContext;
+use super::nodal_motion::NodalMotion;
+use super::stresses::{CurvaturesOfShape, PlateCurvatures};
 use crate::archive::Archive;
-use crate::assembly::{SITES, SiteBlock};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::kernels::wide::widest;
 use crate::linalg::Engine;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
 use crate::stress::{Moments, PlateSurface};
-use pulp::Arch;
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
+use std::rc::Rc;
 
 /// Largest stress of a run, with its place and time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -39,9 +38,11 @@ pub struct Extremes {
 /// Position of a site, in m, and its part.
 type Place = ([f64; 2], usize);
 
-/// Stresses at the upper surface at the nodes of each part of the plate.
+/// Nodes of each part of the plate, with the stresses there.
 pub(super) struct StressSites {
-    stresses: SiteValues,
+    motion: Rc<NodalMotion>,
+    curvatures: CurvaturesOfShape,
+    sections: Vec<Section>,
     places: Vec<Place>,
     /// Sites of the nodes of each cell.
     cells: Vec<Vec<usize>>,
@@ -58,25 +59,10 @@ struct SitePeak {
     trace: f64,
 }
 
-/// Largest von Mises stresses at the sites of a block, each entry as in [`SitePeak`].
-#[derive(Clone, Copy)]
-struct BlockPeaks {
-    square: [f64; SITES],
-    time: [f64; SITES],
-    trace: [f64; SITES],
-}
-
-/// Largest von Mises stresses so far at all sites, in the blocks of [`SiteValues`].
-pub(super) struct StressPeaks {
-    blocks: Vec<BlockPeaks>,
-    arch: Arch,
-}
-
 /// Search for the largest von Mises stress of several displacements.
-pub struct StressWatch<'m, E: Engine> {
-    sites: &'m StressSites,
-    engine: &'m E,
-    peaks: StressPeaks,
+pub struct StressWatch {
+    sites: Rc<StressSites>,
+    peaks: Vec<SitePeak>,
 }
 
 /// Envelope of the von Mises stress: its largest value over time at each node of each part.
@@ -96,59 +82,40 @@ impl StressSites {
     /// Prepares the stresses if the scene asks for their extremes. Collective.
     pub fn if_asked<P: Partition>(
         ground: &BuildContext<P>,
-        lifts: &[Lift],
+        motion: &Rc<NodalMotion>,
         curvatures: Option<&PlateCurvatures>,
     ) -> Result<Option<StressSites>> {
-        let BuildContext { scene, mesh, .. } = *ground;
+        let BuildContext { scene, mesh, .. } = ground;
         let Some(curvatures) = curvatures.filter(|_| scene.output.extremes) else { return Ok(None) };
-        StressSites::new(ground, mesh.cells.len(), lifts, curvatures).map(Some)
-    }
-
-    /// Prepares the stresses at the nodes of a number of cells. Collective.
-    pub fn new<P: Partition>(
-        ground: &BuildContext<P>,
-        cells: usize,
-        lifts: &[Lift],
-        curvatures: &PlateCurvatures,
-    ) -> Result<StressSites> {
         let PlateCurvatures { body, recovery, .. } = curvatures;
-        let mesh = ground.mesh;
-        let mut cell_of = vec![0; recovery.sites().len()];
-        let cells: Vec<Vec<usize>> = (0..cells).map(|cell| recovery.of_cell(cell).to_vec()).collect();
+        let sites = recovery.sites();
+        let mut cell_of = vec![0; sites.len()];
+        let cells: Vec<Vec<usize>> =
+            (0..mesh.cells.len()).map(|cell| recovery.of_cell(cell).to_vec()).collect();
         for (cell, sites) in cells.iter().enumerate() {
             sites.iter().for_each(|&site| cell_of[site] = cell);
         }
-        let sections = recovery.sites().iter().zip(&cell_of);
+        let sections = sites.iter().zip(&cell_of);
         let sections = sections.map(|(site, &cell)| body.section(cell, mesh.nodes[site.node]));
-        let sections: Vec<_> = ground.comm().all_ok(sections.collect::<Result<_>>())?;
-        let stress = |section: &Section| section.moment_per_curvature() * section.stress_per_moment();
-        let maps: Vec<_> = sections.iter().map(stress).collect();
-        let place = |site: &crate::assembly::RecoverySite| (mesh.nodes[site.node].coords.into(), site.part);
-        Ok(StressSites {
-            stresses: SiteValues::new(ground, lifts, curvatures, &maps)?,
-            places: recovery.sites().iter().map(place).collect(),
+        Ok(Some(StressSites {
+            motion: motion.clone(),
+            curvatures: curvatures.of_shape(ground.partition),
+            sections: ground.comm().all_ok(sections.collect::<Result<_>>())?,
+            places: sites.iter().map(|site| (mesh.nodes[site.node].coords.into(), site.part)).collect(),
             cells,
-        })
-    }
-}
-
-impl<'m, E: Engine> StressWatch<'m, E> {
-    /// Starts a search at some sites, with the engine of the displacements.
-    pub(super) fn new(sites: &'m StressSites, engine: &'m E) -> StressWatch<'m, E> {
-        StressWatch { sites, engine, peaks: StressPeaks::new(sites) }
+        }))
     }
 
-    /// Takes the stresses of a displacement at an instant (s). Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of the support motions and of the engine.
-    pub fn note(&mut self, u: &[f64], time: f64) -> Result<()> {
-        self.peaks.note(self.sites, self.engine, u, time)
-    }
-
-    /// Returns the largest stress so far. Collective.
-    pub fn largest(&self) -> Option<StressPeak> {
-        self.peaks.largest(self.sites, self.engine.comm())
+    /// Returns the stresses at the upper surface for displacements over the dofs of this rank's
+    /// cells at an instant (s), in Pa. Collective.
+    fn stresses(&self, u: &[f64], time: f64) -> Result<impl Iterator<Item = Moments>> {
+        let curvatures = (self.curvatures)(&self.motion.at(u, time)?)?;
+        Ok(self.sections.iter().zip(curvatures).map(|(section, curvature)| {
+            let Moments { xx, yy, xy } = Moments::of_curvature(section, curvature);
+            // Stresses combine like moments.
+            let [xx, yy, xy] = [xx, yy, xy].map(|moment| section.stress_per_moment() * moment);
+            Moments { xx, yy, xy }
+        }))
     }
 }
 
@@ -164,116 +131,69 @@ impl SitePeak {
     }
 }
 
-impl BlockPeaks {
-    /// Takes the stresses of an instant (s).
-    #[inline(always)]
-    fn note(&mut self, [xx, yy, xy]: &SiteBlock, time: f64) {
-        // Stresses at the upper surface combine like moments.
-        let stress = |site: usize| Moments { xx: xx[site], yy: yy[site], xy: xy[site] };
-        let mut squares = [0.0; SITES];
-        let mut rises = false;
-        for site in 0..SITES {
-            squares[site] = stress(site).von_mises_square();
-            rises |= squares[site] > self.square[site];
-        }
-        // Few steps bring a new peak.
-        if !rises {
-            return;
-        }
-        for site in 0..SITES {
-            let rises = squares[site] > self.square[site];
-            self.square[site] = if rises { squares[site] } else { self.square[site] };
-            self.time[site] = if rises { time } else { self.time[site] };
-            self.trace[site] = if rises { xx[site] + yy[site] } else { self.trace[site] };
-        }
-    }
-}
-
-impl StressPeaks {
-    /// Returns the peaks before the first instant.
-    pub fn new(sites: &StressSites) -> StressPeaks {
-        let zeros = [0.0; SITES];
-        // No stress exceeds that of a slot without a site.
-        let nothing = BlockPeaks { square: [f64::INFINITY; SITES], time: zeros, trace: zeros };
-        let mut peaks = StressPeaks { blocks: vec![nothing; sites.stresses.blocks()], arch: Arch::new() };
+impl StressWatch {
+    /// Starts a search at some sites.
+    pub(super) fn new(sites: &Rc<StressSites>) -> StressWatch {
         // Every square exceeds a negative one, zero too.
         let before = SitePeak { square: -1.0, time: 0.0, trace: 0.0 };
-        sites.stresses.slots().iter().for_each(|&slot| peaks.set(slot, before));
-        peaks
-    }
-
-    /// Returns the peak in a slot.
-    fn peak(&self, slot: u32) -> SitePeak {
-        let (peaks, site) = (&self.blocks[slot as usize / SITES], slot as usize % SITES);
-        SitePeak { square: peaks.square[site], time: peaks.time[site], trace: peaks.trace[site] }
-    }
-
-    /// Sets the peak in a slot.
-    fn set(&mut self, slot: u32, SitePeak { square, time, trace }: SitePeak) {
-        let (peaks, site) = (&mut self.blocks[slot as usize / SITES], slot as usize % SITES);
-        (peaks.square[site], peaks.time[site], peaks.trace[site]) = (square, time, trace);
+        StressWatch { sites: sites.clone(), peaks: vec![before; sites.places.len()] }
     }
 
     /// Returns the peak of each site with the site's position and part.
-    fn all<'a>(&'a self, sites: &'a StressSites) -> impl Iterator<Item = (SitePeak, &'a Place)> {
-        sites.stresses.slots().iter().map(|&slot| self.peak(slot)).zip(&sites.places)
+    fn all(&self) -> impl Iterator<Item = (&SitePeak, &Place)> {
+        self.peaks.iter().zip(&self.sites.places)
     }
 
     /// Takes the stresses of a displacement at an instant (s). Collective.
-    pub fn note<E: Engine>(&mut self, sites: &StressSites, engine: &E, u: &[f64], time: f64) -> Result<()> {
-        let stresses = sites.stresses.blocks_at(&engine.to_local(u)?, time)?;
-        widest(
-            self.arch,
-            #[inline(always)]
-            || {
-                for (peaks, stresses) in self.blocks.iter_mut().zip(&*stresses) {
-                    peaks.note(stresses, time);
-                }
-            },
-        );
+    ///
+    /// # Errors
+    /// Returns the errors of the support motions and of the engine.
+    pub fn note<E: Engine>(&mut self, engine: &E, u: &[f64], time: f64) -> Result<()> {
+        for (peak, stress) in self.peaks.iter_mut().zip(self.sites.stresses(&engine.to_local(u)?, time)?) {
+            let square = stress.von_mises_square();
+            if square > peak.square {
+                *peak = SitePeak { square, time, trace: stress.xx + stress.yy };
+            }
+        }
         Ok(())
     }
 
     /// Returns the largest stress of all sites; of those that are equal but for rounding the
     /// earliest, then the first in x and y. Collective.
-    pub fn largest(&self, sites: &StressSites, comm: &impl Communicator) -> Option<StressPeak> {
+    pub fn largest(&self, comm: &impl Communicator) -> Option<StressPeak> {
         let sign = |surface: PlateSurface| surface.sign();
-        let of = |(peak, (at, _)): (SitePeak, &Place)| (peak.value(), peak.time, *at, sign(peak.surface()));
+        let of = |(peak, (at, _)): (&SitePeak, &Place)| (peak.value(), peak.time, *at, sign(peak.surface()));
         type Numbers = (f64, f64, [f64; 2], f64);
         let earlier = |a: &Numbers, b: &Numbers| {
             a.1.total_cmp(&b.1).then(a.2[0].total_cmp(&b.2[0])).then(a.2[1].total_cmp(&b.2[1]))
         };
-        let largest = comm.all_reduce_max(self.all(sites).map(|(peak, _)| peak.value()).fold(0.0, f64::max));
+        let largest = comm.all_reduce_max(self.all().map(|(peak, _)| peak.value()).fold(0.0, f64::max));
         let is_equal = |numbers: &Numbers| numbers.0 >= (1.0 - SAME_STRESS) * largest;
-        let own: Vec<Numbers> =
-            self.all(sites).map(of).filter(is_equal).min_by(earlier).into_iter().collect();
+        let own: Vec<Numbers> = self.all().map(of).filter(is_equal).min_by(earlier).into_iter().collect();
         let (value, time, at, sign) = comm.all_gather(&own).into_iter().min_by(earlier)?;
         let surface = if sign < 0.0 { PlateSurface::Bottom } else { PlateSurface::Top };
         Some(StressPeak { value, time, at, surface })
     }
 
     /// Returns the envelope of all instants so far.
-    pub fn envelope<'e>(&self, sites: &'e StressSites) -> Envelope<'e> {
+    pub(super) fn envelope(&self) -> Envelope<'_> {
+        let sites = &self.sites;
         Envelope {
             points: sites.places.iter().map(|(at, _)| *at).collect(),
             cells: &sites.cells,
-            von_mises: self.all(sites).map(|(peak, _)| peak.value()).collect(),
-            time: self.all(sites).map(|(peak, _)| peak.time).collect(),
+            von_mises: self.all().map(|(peak, _)| peak.value()).collect(),
+            time: self.all().map(|(peak, _)| peak.time).collect(),
         }
     }
 
     /// Saves or restores the peaks; on another number of ranks they are found again by their
     /// places. Collective.
-    pub fn archive(
-        &mut self,
-        sites: &StressSites,
-        comm: &impl Communicator,
-        archive: &mut Archive,
-    ) -> Result<()> {
-        let numbers = |(peak, ([x, y], part)): (SitePeak, &Place)| {
+    pub(super) fn archive(&mut self, comm: &impl Communicator, archive: &mut Archive) -> Result<()> {
+        let sites = &self.sites;
+        let numbers = |(peak, ([x, y], part)): (&SitePeak, &Place)| {
             [*x, *y, *part as f64, peak.square, peak.time, peak.trace]
         };
-        let mut list: Vec<f64> = self.all(sites).flat_map(numbers).collect();
+        let mut list: Vec<f64> = self.all().flat_map(numbers).collect();
         archive.list(&mut list)?;
         let Archive::Restores { same_processes, .. } = archive else { return Ok(()) };
         if !*same_processes {
@@ -294,8 +214,7 @@ impl StressPeaks {
             let missing = || Error::Checkpoint("the checkpoint lacks the stresses at a node".into());
             found.next().copied().ok_or_else(missing)
         };
-        let found: Vec<SitePeak> = comm.all_ok(sites.places.iter().map(find).collect())?;
-        sites.stresses.slots().iter().zip(found).for_each(|(&slot, peak)| self.set(slot, peak));
+        self.peaks = comm.all_ok(sites.places.iter().map(find).collect())?;
         Ok(())
     }
 }

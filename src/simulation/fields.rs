@@ -5,17 +5,16 @@
 //! functions. Cells share the points on common edges. The first points are the nodes of the mesh,
 //! in its order.
 
-use super::effects::{BuildContext, Lift};
+use super::effects::BuildContext;
+use super::nodal_motion::NodalMotion;
 use super::regions;
 use super::stress_fields::{SnapshotStresses, StressFields};
 use super::stresses::PlateCurvatures;
-use crate::assembly::CellArrays;
+use crate::assembly::{self, CellArrays};
 use crate::communicator::Communicator;
-use crate::dof_map::PER_NODE;
 use crate::element::{AnyElement, BasisFunction};
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::vectors::axpy;
 use crate::mesh::{Cell, Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::Sections;
@@ -71,7 +70,9 @@ pub struct Fields {
     lattice: Lattice,
     /// Cell that evaluates each point, and index of the point in the table of its class.
     samples: Vec<(u32, u32)>,
+    /// Cells over all deflections and slopes of their nodes.
     cells: Vec<CellArrays>,
+    motion: Rc<NodalMotion>,
     /// Basis functions at the points, by class of congruent cells.
     tables: HashMap<usize, Vec<Rows>>,
     /// Dof of the deflection of each node.
@@ -80,8 +81,6 @@ pub struct Fields {
     tips: Vec<(usize, usize)>,
     /// Side, height and affected points of each obstacle.
     obstacles: Vec<(Side, FieldInput, Vec<usize>)>,
-    /// Support motions with the deflection and slopes that they cause at the points, per metre.
-    lifts: Vec<(Rc<FieldInput>, [Vec<f64>; 3])>,
     stresses: Option<StressFields>,
 }
 
@@ -105,7 +104,7 @@ impl Fields {
     /// Prepares sampling if the scene asks for snapshots. Collective.
     pub(super) fn new<P: Partition>(
         ground: &BuildContext<P>,
-        lifts: &[Lift],
+        motion: &Rc<NodalMotion>,
         curvatures: Option<&PlateCurvatures>,
     ) -> Result<Option<Fields>> {
         let BuildContext { scene, partition, mesh, space, ref cells, .. } = *ground;
@@ -171,36 +170,23 @@ impl Fields {
             lattice,
             // Every node and every edge belongs to a cell.
             samples: samples.into_iter().map(Option::unwrap_or_default).collect(),
-            cells: cells.to_vec(),
+            cells: assembly::unheld(mesh, cells),
+            motion: motion.clone(),
             tables,
             deflections: (0..mesh.nodes.len()).map(|node| space.deflection(node)).collect(),
             tips: space.tips().to_vec(),
             obstacles: Vec::new(),
-            lifts: Vec::new(),
             stresses: None,
         };
         if let Some(curvatures) = curvatures {
             let cell_of: Vec<usize> = fields.samples.iter().map(|(cell, _)| *cell as usize).collect();
             let Lattice { points, cells, parents } = &fields.lattice;
-            let stresses =
-                StressFields::new(ground, lifts, curvatures, (points, &cell_of), (cells, parents))?;
+            let stresses = StressFields::new(ground, curvatures, (points, &cell_of), (cells, parents))?;
             fields.stresses = Some(stresses);
         }
         for (number, obstacle) in scene.obstacles.iter().enumerate() {
             let points = fields.opposite(&obstacle.region, mesh, partition, &format!("obstacle.{number}"))?;
             fields.obstacles.push((obstacle.side, obstacle.height.clone(), points));
-        }
-        for Lift { motion, shape, .. } in lifts {
-            let rows = [0, 1, 2].map(|row| {
-                let value = |&(cell, local): &(u32, u32)| {
-                    let weights = &fields.tables[&cells[cell as usize].class][local as usize][row];
-                    let of_node = |&node: &usize| shape[PER_NODE * node..][..PER_NODE].iter();
-                    let dofs = mesh.cells[cell as usize].nodes().iter().flat_map(of_node);
-                    weights.iter().zip(dofs).map(|(weight, dof)| weight * dof).sum()
-                };
-                fields.samples.iter().map(value).collect()
-            });
-            fields.lifts.push((motion.clone(), rows));
         }
         Ok(Some(fields))
     }
@@ -270,14 +256,11 @@ impl Fields {
         let System { engine, bounds, .. } = system;
         let velocity = scheme.velocity()?;
         let (u, rate) = (engine.to_local(scheme.displacement())?, engine.to_local(&velocity)?);
-        let mut rows = [0, 1, 2].map(|row| self.evaluate(&u, row));
-        let mut velocity = self.evaluate(&rate, 0);
-        for ((motion, lift), moves) in self.lifts.iter().zip(scheme.support_rates()?) {
-            let moved = motion.at(Point::origin(), scheme.time())?;
-            rows.iter_mut().zip(lift).for_each(|(row, lift)| axpy(moved, lift, row));
-            axpy(moves, &lift[0], &mut velocity);
-        }
-        let [deflection, slope_x, slope_y] = rows;
+        let (shape, mut rate) = (self.motion.at(&u, scheme.time())?, self.motion.relative(&rate));
+        let [deflection, slope_x, slope_y] = [0, 1, 2].map(|row| self.evaluate(&shape, row));
+        let mean_velocity = self.cells.iter().map(|cell| mean(cell, &rate)).collect();
+        self.motion.carry(&scheme.support_rates()?, &mut rate);
+        let velocity = self.evaluate(&rate, 0);
         let (mut gap, mut obstacles, mut reaction) = (None, None, None);
         if !self.obstacles.is_empty() {
             let [floor, ceiling] = self.heights(scheme.time())?;
@@ -294,8 +277,7 @@ impl Fields {
             self.tips.iter().for_each(|&(dof, node)| at_points[node] += force[dof]);
             reaction = Some(at_points);
         }
-        let stresses = self.stresses.as_ref().map(|of| of.sample(&self.cells, &u, scheme.time()));
-        let stresses = stresses.transpose()?;
+        let stresses = self.stresses.as_ref().map(|of| of.sample(&self.cells, &shape)).transpose()?;
         Ok(Snapshot {
             step: scheme.step(),
             time: scheme.time(),
@@ -306,7 +288,7 @@ impl Fields {
             gap,
             obstacles,
             reaction,
-            mean_velocity: self.cells.iter().map(|cell| mean(cell, &rate)).collect(),
+            mean_velocity,
             stresses,
         })
     }

@@ -12,6 +12,7 @@ mod forces;
 mod levels;
 mod meshing;
 mod named_forces;
+mod nodal_motion;
 mod observer;
 mod opposite;
 mod outcome;
@@ -57,10 +58,10 @@ pub use stress_fields::SnapshotStresses;
 use crate::assembly::Probe;
 use crate::communicator::{Communicator, SelfComm};
 use crate::dof_map::{DofMap, NodeConstraint};
+use crate::energy::Guard;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::axpy;
 use crate::linalg::{Engine, LinearCombination, Native};
-use crate::mesh::{Mesh, Point};
+use crate::mesh::Mesh;
 use crate::partition::{Partition, WholeMesh};
 use crate::plate::Sections;
 use crate::scene::{ContactSolver, EngineName, Mass, Scene};
@@ -68,8 +69,10 @@ use crate::scheme::{Friction, Scheme, Start, StepBalance, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
 use effects::{Attribution, BuildContext, Effects, OfCells, Reactions};
+use nodal_motion::NodalMotion;
 use plate_assembly::PlateAssembly;
-use readings::{Accelerations, Readings, SupportFrame};
+use readings::Readings;
+use std::rc::Rc;
 use std::time::Instant;
 use stops::Stop;
 use stresses::PlateCurvatures;
@@ -83,9 +86,7 @@ pub struct Model<E: Engine = Native> {
     /// Probes of the scene: the contributions of this process's dofs to each, in the frame of the
     /// supports.
     pub probes: Vec<Probe>,
-    /// Support motions and their contributions to the probes.
-    frame: SupportFrame,
-    /// Quantities at the probes other than deflections.
+    /// Quantities at the probes.
     readings: Readings,
     /// Free deflections of this process with their positions; the bounded ones come first, in the
     /// order of the bounds.
@@ -99,7 +100,7 @@ pub struct Model<E: Engine = Native> {
     /// Sampling of snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
     /// Stresses at the nodes, if the scene asks for their extremes.
-    extremes: Option<StressSites>,
+    extremes: Option<Rc<StressSites>>,
     /// Rigid motions that nothing restrains, in words; `None` if there are none.
     pub mechanism: Option<&'static str>,
     /// Warnings from the set-up, one sentence each; the same on every process.
@@ -221,21 +222,17 @@ fn compose<E: OfCells, P: Partition>(
     let probes = ground.scene.output.probes.iter().map(|probe| ground.probe(probe, &shapes));
     let probes: Vec<_> = probes.collect::<Result<_>>()?;
     let curvatures = PlateCurvatures::if_asked(ground)?;
-    let readings = Readings::new(ground, &probes, &shapes, curvatures.as_ref())?;
-    let lifted = (0..lifts.len()).map(|lift| probes.iter().map(|(_, of_lifts)| of_lifts[lift]).collect());
-    let lifted: Vec<Vec<f64>> = lifted.collect();
+    let readings = Readings::new(ground, &probes, &lifts, curvatures.as_ref())?;
     let probes = probes.into_iter().map(|(probe, _)| probe).collect();
-    let motions = lifts.iter().map(|lift| lift.motion.clone());
-    let frame = SupportFrame(motions.zip(lifted).collect());
-    let fields = Fields::new(ground, &lifts, curvatures.as_ref())?;
-    let extremes = StressSites::if_asked(ground, &lifts, curvatures.as_ref())?;
+    let motion = Rc::new(NodalMotion::new(ground, &lifts));
+    let fields = Fields::new(ground, &motion, curvatures.as_ref())?;
+    let extremes = StressSites::if_asked(ground, &motion, curvatures.as_ref())?.map(Rc::new);
     let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
     let sonic = sonic_energy(ground);
     Ok(Model {
         system,
         start,
         probes,
-        frame,
         readings,
         sites,
         places,
@@ -328,38 +325,21 @@ impl<E: Engine> Model<E> {
         self.system.engine.comm().all_reduce_sum_slice(sums.as_flattened()).as_chunks().0.to_vec()
     }
 
+    /// Returns the guard of the energy of a scheme at its start.
+    fn guard(&self, scene: &Scene, scheme: &dyn Scheme) -> Result<Guard> {
+        let sonic = if self.system.drive.varies() { self.sonic } else { f64::INFINITY };
+        Ok(Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)))
+    }
+
     /// Starts a search for the largest von Mises stress; `None` unless the scene asks for extremes.
-    pub fn stress_watch(&self) -> Option<StressWatch<'_, E>> {
-        self.extremes.as_ref().map(|sites| StressWatch::new(sites, &self.system.engine))
+    pub fn stress_watch(&self) -> Option<StressWatch> {
+        self.extremes.as_ref().map(StressWatch::new)
     }
 
     /// Returns whether the values at all probes are those of [`Model::probes`]: deflections beside
     /// supports that do not move.
     pub fn probes_deflections_only(&self) -> bool {
-        self.readings.are_none() && self.frame.0.is_empty()
-    }
-
-    /// Computes the quantities at the probes at the present instant of a scheme. Collective.
-    fn probe(
-        &self,
-        scheme: &mut dyn Scheme,
-        accelerations: &Accelerations,
-        values: &mut [f64],
-    ) -> Result<()> {
-        let value = |probe: &Probe| {
-            let parts = probe.weights().iter().map(|&(dof, weight)| weight * scheme.displacement_of(dof));
-            parts.sum()
-        };
-        values.iter_mut().zip(&self.probes).for_each(|(own, probe)| *own = value(probe));
-        for (motion, lift) in &self.frame.0 {
-            let moved = motion.at(Point::origin(), scheme.time())?;
-            axpy(moved, lift, values);
-        }
-        let comm = self.system.engine.comm();
-        if comm.size() > 1 {
-            values.copy_from_slice(&comm.all_reduce_sum_slice(values));
-        }
-        self.readings.read(&self.system, &self.frame, accelerations, scheme, values)
+        self.readings.are_deflections_only()
     }
 }
 

@@ -1,10 +1,9 @@
 //! Thickness and material of a scene's plate.
 
-use super::refinement::seen;
+use super::refinement;
 use super::regions::cells_in;
-use crate::assembly;
 use crate::communicator::Communicator;
-use crate::element::adaptive::{self, Integrand, Rules};
+use crate::element::adaptive::{Integrand, Rules};
 use crate::element::quadrature::Node;
 use crate::error::{Error, Result};
 use crate::mesh::{Mesh, Point};
@@ -45,9 +44,7 @@ impl<'s> PlateAssembly<'s> {
             return Ok(Rules::new());
         }
         let function = |cell: usize| rough[self.part_of[cell]].as_ref().map(|still| still as &dyn Integrand);
-        let pieces = comm.all_ok(assembly::pieces(mesh))?;
-        let refined = adaptive::refine(&pieces, &function, adaptive::ONCE, comm);
-        seen("plate.thickness", comm.all_ok(refined)?)
+        refinement::rules("plate.thickness", mesh, &function, comm)
     }
 
     /// Returns the plate of a cell, and its thickness field where it is no constant.

@@ -1,6 +1,6 @@
-//! Quantities at the probes other than deflections.
+//! Quantities at the probes.
 
-use super::effects::BuildContext;
+use super::effects::{BuildContext, Lift};
 use super::stresses::PlateCurvatures;
 use crate::archive::Archive;
 use crate::assembly::Probe;
@@ -15,26 +15,24 @@ use crate::scheme::{Scheme, System};
 use crate::stress::Moments;
 use std::rc::Rc;
 
-/// Support motions, each with its contribution to the probes per metre.
-#[derive(Default)]
-pub(super) struct SupportFrame(pub Vec<(Rc<FieldInput>, Vec<f64>)>);
-
 /// Sum over the engine's dofs of this process, with its share of every lift, per metre.
 pub(super) type FramedProbe = (Probe, Vec<f64>);
 
 /// Quantity at a probe, as a function of one or three sums over the dofs.
 struct Reading {
-    /// Index of the probe.
-    probe: usize,
     quantity: ProbeQuantity,
     /// Deflection, slope, or the components xx, yy and xy of the moments or of the stresses at the
     /// upper surface.
     terms: Vec<FramedProbe>,
 }
 
-/// Quantities at the probes other than deflections.
-#[derive(Default)]
-pub(super) struct Readings(Vec<Reading>);
+/// Quantities at the probes.
+pub(super) struct Readings {
+    /// One entry per probe.
+    readings: Vec<Reading>,
+    /// Motions of the supports.
+    motions: Vec<Rc<FieldInput>>,
+}
 
 /// Mean accelerations at the probes over the last step, from the velocities at its two ends.
 #[derive(Debug, Default)]
@@ -49,90 +47,113 @@ pub(super) struct Accelerations {
 }
 
 impl Readings {
-    /// Prepares the quantities of a scene's probes, whose deflections are `deflections`, for lifts
-    /// of some shapes. Collective.
+    /// Prepares the quantities of a scene's probes, which have these deflections, on supports with
+    /// some lifts. Collective.
     pub fn new<P: Partition>(
         ground: &BuildContext<P>,
         deflections: &[FramedProbe],
-        shapes: &[&[f64]],
+        lifts: &[Lift],
         curvatures: Option<&PlateCurvatures>,
     ) -> Result<Readings> {
-        let mut readings = Vec::new();
-        for (index, probe) in ground.scene.output.probes.iter().enumerate() {
+        let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
+        let reading = |(probe, deflection): (&scene::Probe, &FramedProbe)| {
             let quantity = probe.quantity;
-            let terms = match quantity {
-                ProbeQuantity::Deflection => continue,
-                ProbeQuantity::Velocity | ProbeQuantity::Acceleration => vec![deflections[index].clone()],
-                ProbeQuantity::SlopeX | ProbeQuantity::SlopeY => {
-                    let along = usize::from(quantity == ProbeQuantity::SlopeY);
-                    vec![ground.slope(probe, along, shapes)?]
+            let terms = match (quantity, curvatures) {
+                (ProbeQuantity::SlopeX, _) => vec![ground.slope(probe, 0, &shapes)?],
+                (ProbeQuantity::SlopeY, _) => vec![ground.slope(probe, 1, &shapes)?],
+                // Whoever asks for moments has the curvatures prepared.
+                (
+                    ProbeQuantity::Moment(_) | ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_),
+                    Some(of),
+                ) => {
+                    let is_moment = matches!(quantity, ProbeQuantity::Moment(_));
+                    let map = |section: &Section| {
+                        section.moment_per_curvature()
+                            * if is_moment { 1.0 } else { section.stress_per_moment() }
+                    };
+                    let key = format!("probe \"{}\"", probe.name);
+                    let components = of.mapped_at(ground, &key, probe.at, map)?;
+                    components
+                        .iter()
+                        .map(|of| ground.framed(Some(of), None, &shapes))
+                        .collect::<Result<_>>()?
                 }
-                ProbeQuantity::Moment(_) | ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_) => {
-                    // Whoever asks for moments has the curvatures prepared.
-                    let Some(curvatures) = curvatures else { continue };
-                    components(ground, probe, shapes, curvatures)?
-                }
+                _ => vec![deflection.clone()],
             };
-            readings.push(Reading { probe: index, quantity, terms });
-        }
-        Ok(Readings(readings))
+            Ok(Reading { quantity, terms })
+        };
+        let readings = ground.scene.output.probes.iter().zip(deflections).map(reading);
+        let motions = lifts.iter().map(|lift| lift.motion.clone()).collect();
+        Ok(Readings { readings: readings.collect::<Result<_>>()?, motions })
     }
 
-    /// Returns whether all probes record deflections.
-    pub fn are_none(&self) -> bool {
-        self.0.is_empty()
+    /// Returns whether all probes record deflections, beside supports that do not move.
+    pub fn are_deflections_only(&self) -> bool {
+        let is_deflection = |reading: &Reading| reading.quantity == ProbeQuantity::Deflection;
+        self.motions.is_empty() && self.readings.iter().all(is_deflection)
     }
 
-    /// Replaces the deflections of the other probes in `values` by their quantities. Collective.
+    /// Computes the quantities at the present instant of a scheme. Collective.
     pub fn read<E: Engine>(
         &self,
         system: &System<E>,
-        frame: &SupportFrame,
         accelerations: &Accelerations,
         scheme: &mut dyn Scheme,
         values: &mut [f64],
     ) -> Result<()> {
-        if self.are_none() {
-            return Ok(());
-        }
-        let is_velocity = |reading: &&Reading| reading.quantity == ProbeQuantity::Velocity;
-        let velocities = self.velocities(system, frame, scheme, is_velocity)?;
-        let others = || {
-            let moves = [ProbeQuantity::Velocity, ProbeQuantity::Acceleration];
-            self.0.iter().filter(move |reading| !moves.contains(&reading.quantity))
-        };
-        let lifted = frame.places(scheme.time())?;
-        let own = sums(others(), scheme.displacement(), &lifted);
+        let moves = [ProbeQuantity::Velocity, ProbeQuantity::Acceleration];
+        let is_place = |quantity: ProbeQuantity| !moves.contains(&quantity);
+        let places = self.motions.iter().map(|motion| motion.at(Point::origin(), scheme.time()));
+        let places: Vec<f64> = places.collect::<Result<_>>()?;
+        let own = self.sums(is_place, |dof| scheme.displacement_of(dof), &places);
         let all = system.engine.comm().all_reduce_sum_slice(&own);
         let mut sums = all.as_slice();
-        for reading in others() {
+        let readings = || self.readings.iter().enumerate();
+        for (probe, reading) in readings().filter(|(_, reading)| is_place(reading.quantity)) {
             let (of, rest) = sums.split_at(reading.terms.len());
             sums = rest;
-            values[reading.probe] = reading.value(of);
+            values[probe] = reading.value(of);
         }
-        let moving = self.0.iter().filter(is_velocity);
-        moving.zip(velocities).for_each(|(reading, velocity)| values[reading.probe] = velocity);
+        let velocities = self.velocities(system, scheme, ProbeQuantity::Velocity)?;
+        let moving = readings().filter(|(_, reading)| reading.quantity == ProbeQuantity::Velocity);
+        moving.zip(velocities).for_each(|((probe, _), velocity)| values[probe] = velocity);
         let probes = accelerations.probes.iter().zip(&accelerations.values);
         probes.for_each(|(&probe, &value)| values[probe] = value);
         Ok(())
     }
 
-    /// Returns the velocities at chosen probes, in m/s. Collective.
+    /// Returns the velocities at the probes that record a quantity, in m/s. Collective.
     fn velocities<E: Engine>(
         &self,
         system: &System<E>,
-        frame: &SupportFrame,
         scheme: &mut dyn Scheme,
-        is_chosen: impl Fn(&&Reading) -> bool,
+        quantity: ProbeQuantity,
     ) -> Result<Vec<f64>> {
-        let chosen = || self.0.iter().filter(&is_chosen);
-        if chosen().next().is_none() {
+        let is_chosen = |of: ProbeQuantity| of == quantity;
+        if !self.readings.iter().any(|reading| is_chosen(reading.quantity)) {
             return Ok(Vec::new());
         }
         let mut rates = scheme.support_rates()?;
-        rates.resize(frame.0.len(), 0.0);
-        let own = sums(chosen(), &scheme.velocity()?, &rates);
+        rates.resize(self.motions.len(), 0.0);
+        let velocity = scheme.velocity()?;
+        let own = self.sums(is_chosen, |dof| velocity[dof], &rates);
         Ok(system.engine.comm().all_reduce_sum_slice(&own))
+    }
+
+    /// Returns this process's share of the sums of chosen readings, for given values of the dofs
+    /// and of the support motions.
+    fn sums(
+        &self,
+        is_chosen: impl Fn(ProbeQuantity) -> bool,
+        dof: impl Fn(usize) -> f64,
+        moved: &[f64],
+    ) -> Vec<f64> {
+        let sum = |(probe, lifts): &FramedProbe| {
+            let own = probe.weights().iter().map(|&(number, weight)| weight * dof(number)).sum();
+            lifts.iter().zip(moved).fold(own, |sum: f64, (lift, moved)| sum + moved * lift)
+        };
+        let chosen = self.readings.iter().filter(|reading| is_chosen(reading.quantity));
+        chosen.flat_map(|reading| reading.terms.iter().map(&sum)).collect()
     }
 }
 
@@ -151,14 +172,12 @@ impl Accelerations {
         &mut self,
         readings: &Readings,
         system: &System<E>,
-        frame: &SupportFrame,
         scheme: &mut dyn Scheme,
     ) -> Result<()> {
         if self.probes.is_empty() {
             return Ok(());
         }
-        let is_acceleration = |reading: &&Reading| reading.quantity == ProbeQuantity::Acceleration;
-        let velocities = readings.velocities(system, frame, scheme, is_acceleration)?;
+        let velocities = readings.velocities(system, scheme, ProbeQuantity::Acceleration)?;
         if std::mem::replace(&mut self.is_started, true) {
             let dt = scheme.record().dt;
             let pairs = velocities.iter().zip(&self.velocities);
@@ -205,36 +224,5 @@ impl Reading {
             ProbeQuantity::VonMises(_) => moments.von_mises(),
             _ => xx,
         }
-    }
-}
-
-/// Returns this process's share of the sums of some readings.
-fn sums<'r>(readings: impl Iterator<Item = &'r Reading>, dofs: &[f64], lifted: &[f64]) -> Vec<f64> {
-    let sum = |(probe, lifts): &FramedProbe| {
-        probe.deflection(dofs) + lifts.iter().zip(lifted).map(|(lift, moved)| lift * moved).sum::<f64>()
-    };
-    readings.flat_map(|reading| reading.terms.iter().map(sum)).collect()
-}
-
-/// Returns the components xx, yy and xy at a probe of moments or stresses. Collective.
-fn components<P: Partition>(
-    ground: &BuildContext<P>,
-    probe: &scene::Probe,
-    shapes: &[&[f64]],
-    curvatures: &PlateCurvatures,
-) -> Result<Vec<FramedProbe>> {
-    let is_moment = matches!(probe.quantity, ProbeQuantity::Moment(_));
-    let map = |section: &Section| {
-        section.moment_per_curvature() * if is_moment { 1.0 } else { section.stress_per_moment() }
-    };
-    let key = format!("probe \"{}\"", probe.name);
-    let components = curvatures.mapped_at(ground, &key, probe.at, map)?;
-    components.iter().map(|component| ground.framed(Some(component), shapes)).collect()
-}
-
-impl SupportFrame {
-    /// Returns the motions of the supports at an instant (s), in m.
-    fn places(&self, time: f64) -> Result<Vec<f64>> {
-        self.0.iter().map(|(motion, _)| motion.at(Point::origin(), time)).collect()
     }
 }

@@ -1,10 +1,26 @@
-//! Acceptance of the special quadrature rules that a field needs.
+//! Special quadrature rules that a field needs.
 
-use crate::element::adaptive::{Refined, Rules};
+use crate::assembly;
+use crate::communicator::Communicator;
+use crate::element::adaptive::{self, Integrand, Refined, Rules};
 use crate::error::{Error, Result};
+use crate::mesh::Mesh;
 
 /// Largest uncertain part of a field's integral that is accepted where its refinement stopped.
 const LEFT: f64 = 0.01;
+
+/// Returns the rules of the cells that need them for the field of a key, which does not change with
+/// time and is given cell by cell. Collective.
+pub(super) fn rules<'f>(
+    key: &str,
+    mesh: &Mesh,
+    field: &dyn Fn(usize) -> Option<&'f dyn Integrand>,
+    comm: &impl Communicator,
+) -> Result<Rules> {
+    let pieces = comm.all_ok(assembly::pieces(mesh))?;
+    let refined = adaptive::refine(&pieces, field, adaptive::ONCE, comm);
+    seen(key, comm.all_ok(refined)?)
+}
 
 /// Returns the quadrature rules found for the field of a key, or an error where too much of its
 /// integral is uncertain.

@@ -3,6 +3,9 @@
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 
+/// Number of steps between checks of the energy where rows are further apart.
+pub(super) const GUARD_EVERY: u64 = 100;
+
 /// Returns an error for a KKT residual above the tolerance.
 pub(crate) fn check_residual(step: u64, time: f64, residual: f64, tolerance: f64) -> Result<()> {
     if !residual.is_finite() {

@@ -2,16 +2,13 @@
 
 use super::outcome::first_impact;
 use super::readings::Accelerations;
-use super::step_check::{advice, check_residual};
+use super::step_check::{GUARD_EVERY, check_residual};
 use super::{Impact, Model};
 use crate::energy::{Energies, Guard};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::scene::Scene;
 use crate::scheme::Scheme;
-
-/// Number of steps between checks of the energy.
-const GUARD_EVERY: u64 = 100;
 
 /// Checks of every step, as in a run, and readings of the probes.
 pub struct StepMonitor<'m, E: Engine> {
@@ -27,8 +24,7 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     /// # Errors
     /// Returns the errors of the engine.
     pub fn new(scene: &'m Scene, model: &'m Model<E>, scheme: &dyn Scheme) -> Result<StepMonitor<'m, E>> {
-        let sonic = if model.system.drive.varies() { model.sonic } else { f64::INFINITY };
-        let guard = Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene));
+        let guard = model.guard(scene, scheme)?;
         Ok(StepMonitor { scene, model, guard, accelerations: Accelerations::new(scene) })
     }
 
@@ -43,9 +39,9 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     /// Returns the errors with which a run stops.
     pub fn note(&mut self, scheme: &mut dyn Scheme, probes: &mut [f64]) -> Result<()> {
         self.check(scheme, || scheme.energies())?;
-        let Model { readings, system, frame, .. } = self.model;
-        self.accelerations.note(readings, system, frame, scheme)?;
-        self.model.probe(scheme, &self.accelerations, probes)
+        let Model { readings, system, .. } = self.model;
+        self.accelerations.note(readings, system, scheme)?;
+        readings.read(system, &self.accelerations, scheme, probes)
     }
 
     /// Returns whether a step with a residual needs [`StepMonitor::check`].

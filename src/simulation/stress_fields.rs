@@ -1,18 +1,14 @@
 //! Moments and stresses in snapshots.
 
-use super::effects::{BuildContext, Lift};
-use super::stresses::{PlateCurvatures, SiteValues};
+use super::effects::BuildContext;
+use super::stresses::{CurvaturesOfShape, PlateCurvatures};
 use crate::assembly::{self, CellArrays};
 use crate::communicator::Communicator;
-use crate::dof_map::PER_NODE;
 use crate::error::Result;
-use crate::linalg::vectors::axpy;
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
-use crate::scene::FieldInput;
 use crate::stress::Moments;
-use std::rc::Rc;
 
 /// Moments and stresses of a snapshot.
 #[derive(Debug, Clone, Default)]
@@ -40,15 +36,13 @@ struct Sampled<W> {
 
 /// Sampling of moments and stresses.
 pub(super) struct StressFields {
-    curvatures: SiteValues,
+    curvatures: CurvaturesOfShape,
     /// Sites of the nodes of each cell.
     sites: Vec<Vec<usize>>,
     /// Weights of the sites of its cell in the curvature at each point.
     points: Vec<Sampled<Vec<f64>>>,
     /// Curvatures of the basis functions at the centre of each small cell.
     centres: Vec<Sampled<Vec<[f64; 3]>>>,
-    /// Support motions with the curvatures that they cause at the centres, per metre.
-    lifts: Vec<(Rc<FieldInput>, Vec<[f64; 3]>)>,
 }
 
 impl StressFields {
@@ -56,37 +50,29 @@ impl StressFields {
     /// cells, each given by its corners and its cell. Collective.
     pub fn new<P: Partition>(
         ground: &BuildContext<P>,
-        lifts: &[Lift],
         curvatures: &PlateCurvatures,
         points: Located<[f64; 2]>,
         small: Located<Vec<usize>>,
     ) -> Result<StressFields> {
         let own = sampled(ground, curvatures, points, small);
         let (points, centres) = ground.comm().all_ok(own)?;
-        let mesh = ground.mesh;
-        let lifted = |Lift { motion, shape, .. }: &Lift| {
-            let of = |centre: &Sampled<Vec<[f64; 3]>>| {
-                let dofs = |&node: &usize| shape[PER_NODE * node..][..PER_NODE].iter().copied();
-                sum(&centre.weights, mesh.cells[centre.cell].nodes().iter().flat_map(dofs))
-            };
-            (motion.clone(), centres.iter().map(of).collect())
-        };
+        let of_cell = |cell: usize| curvatures.recovery.of_cell(cell).to_vec();
         Ok(StressFields {
-            curvatures: SiteValues::new(ground, lifts, curvatures, &[])?,
-            sites: (0..mesh.cells.len()).map(|cell| curvatures.recovery.of_cell(cell).to_vec()).collect(),
-            lifts: lifts.iter().map(lifted).collect(),
+            curvatures: curvatures.of_shape(ground.partition),
+            sites: (0..ground.mesh.cells.len()).map(of_cell).collect(),
             points,
             centres,
         })
     }
 
-    /// Returns moments and stresses for displacements over the dofs of this rank's cells at an
-    /// instant (s). Collective.
-    pub fn sample(&self, cells: &[CellArrays], u: &[f64], time: f64) -> Result<SnapshotStresses> {
+    /// Returns moments and stresses for deflections and slopes at all nodes, three per node, with
+    /// the cells over these. Collective.
+    pub fn sample(&self, cells: &[CellArrays], shape: &[f64]) -> Result<SnapshotStresses> {
         let mut sampled = SnapshotStresses::default();
-        let curvatures = self.curvatures.at(u, time)?;
+        let curvatures = (self.curvatures)(shape)?;
         for Sampled { cell, section, weights } in &self.points {
-            let curvature = sum_of_sites(weights, self.sites[*cell].iter().map(|&site| curvatures[site]));
+            let curvature =
+                sum(weights.iter().copied().zip(self.sites[*cell].iter().map(|&site| curvatures[site])));
             let moments = Moments::of_curvature(section, curvature);
             let Moments { xx, yy, xy } = moments;
             sampled.moment.push([xx, yy, xy]);
@@ -94,15 +80,8 @@ impl StressFields {
             sampled.stress_top.push([xx, yy, xy].map(|moment| section.stress_per_moment() * moment));
             sampled.von_mises.push(section.stress_per_moment() * moments.von_mises());
         }
-        let of_dofs = |centre: &Sampled<Vec<[f64; 3]>>| {
-            let cell = &cells[centre.cell];
-            sum(&centre.weights, (0..centre.weights.len()).map(|local| cell.value(local, u)))
-        };
-        let mut raw: Vec<[f64; 3]> = self.centres.iter().map(of_dofs).collect();
-        for (motion, lift) in &self.lifts {
-            axpy(motion.at(Point::origin(), time)?, lift.as_flattened(), raw.as_flattened_mut());
-        }
-        for (Sampled { section, .. }, curvature) in self.centres.iter().zip(raw) {
+        for Sampled { cell, section, weights } in &self.centres {
+            let curvature = sum(cells[*cell].values(shape).into_iter().zip(weights.iter().copied()));
             let moments = Moments::of_curvature(section, curvature);
             sampled.moment_raw.push([moments.xx, moments.yy, moments.xy]);
             sampled.von_mises_raw.push(section.stress_per_moment() * moments.von_mises());
@@ -139,20 +118,10 @@ fn sampled<P: Partition>(
     Ok((sampled, small.iter().zip(parents).map(centre).collect::<Result<_>>()?))
 }
 
-/// Returns the sum of triples with weights.
-fn sum_of_sites(weights: &[f64], values: impl Iterator<Item = [f64; 3]>) -> [f64; 3] {
-    let mut sums = [0.0; 3];
-    for (weight, value) in weights.iter().zip(values) {
-        sums.iter_mut().zip(value).for_each(|(sum, value)| *sum += weight * value);
-    }
-    sums
-}
-
-/// Returns the sum of triples of weights with values.
-fn sum(weights: &[[f64; 3]], values: impl Iterator<Item = f64>) -> [f64; 3] {
-    let mut sums = [0.0; 3];
-    for (weights, value) in weights.iter().zip(values) {
-        sums.iter_mut().zip(weights).for_each(|(sum, weight)| *sum += weight * value);
-    }
-    sums
+/// Returns the sum of triples with factors.
+fn sum(terms: impl Iterator<Item = (f64, [f64; 3])>) -> [f64; 3] {
+    terms.fold([0.0; 3], |mut sums, (factor, triple)| {
+        sums.iter_mut().zip(triple).for_each(|(sum, value)| *sum += factor * value);
+        sums
+    })
 }

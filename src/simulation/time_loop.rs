@@ -1,10 +1,10 @@
 //! Main loop of a run, from step to step.
 
 use super::contacts::ContactRecorder;
-use super::extremes::{Extremes, StressPeaks};
+use super::extremes::{Extremes, StressWatch};
 use super::forces::ForceRecorder;
 use super::readings::Accelerations;
-use super::step_check::{advice, check_residual};
+use super::step_check::{GUARD_EVERY, check_residual};
 use super::{BlockSeconds, Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
@@ -15,9 +15,6 @@ use crate::linalg::Engine;
 use crate::scene::Scene;
 use crate::scheme::{Event, Scheme};
 use std::time::Instant;
-
-/// Number of steps between checks of the energy where rows are further apart.
-const GUARD_EVERY: u64 = 100;
 
 /// Step just made, and its time.
 #[derive(Clone, Copy)]
@@ -153,27 +150,23 @@ impl<E: Engine> TimeLoop<'_, E> {
 
     /// Takes the velocities of this step at the probes that record accelerations.
     fn follow_accelerations(&mut self) -> Result<()> {
-        let Model { readings, system, frame, .. } = self.model;
-        self.monitor.accelerations.note(readings, system, frame, self.scheme)
+        let Model { readings, system, .. } = self.model;
+        self.monitor.accelerations.note(readings, system, self.scheme)
     }
 
     /// Takes the stresses of this step where the scene asks for their extremes.
     fn follow_stresses(&mut self) -> Result<()> {
-        let Some((sites, peaks)) = self.model.extremes.as_ref().zip(self.monitor.peaks.as_mut()) else {
-            return Ok(());
-        };
-        peaks.note(sites, &self.model.system.engine, self.scheme.displacement(), self.scheme.time())?;
+        let Some(stresses) = &mut self.monitor.stresses else { return Ok(()) };
+        stresses.note(&self.model.system.engine, self.scheme.displacement(), self.scheme.time())?;
         self.monitor.clock.lap(|blocks| &mut blocks.rows);
         Ok(())
     }
 
     /// Passes the envelope of the stresses to the observer at the end of the run.
     fn envelope(&mut self) {
-        if let Some((sites, peaks)) = self.model.extremes.as_ref().zip(self.monitor.peaks.as_ref()) {
-            let envelope = peaks.envelope(sites);
-            if self.observed.is_ok() {
-                self.observed = self.observer.envelope(&envelope);
-            }
+        let TimeLoop { monitor, observer, observed, .. } = self;
+        if let (Some(stresses), Ok(())) = (&monitor.stresses, &observed) {
+            *observed = observer.envelope(&stresses.envelope());
         }
     }
 
@@ -191,7 +184,8 @@ impl<E: Engine> TimeLoop<'_, E> {
         }
         let energy = energies.total();
         self.outcome.energy.note(energy);
-        self.model.probe(self.scheme, &self.monitor.accelerations, &mut self.probes)?;
+        let Model { readings, system, .. } = self.model;
+        readings.read(system, &self.monitor.accelerations, self.scheme, &mut self.probes)?;
         let row = Row {
             step,
             time,
@@ -336,7 +330,7 @@ pub(super) struct RunMonitor {
     contacts: ContactRecorder,
     accelerations: Accelerations,
     /// Largest stresses so far, if the scene asks for them.
-    peaks: Option<StressPeaks>,
+    stresses: Option<StressWatch>,
     pub(super) forces: ForceRecorder,
     /// Whether the present step has been recorded.
     noted: bool,
@@ -376,14 +370,13 @@ impl BlockClock {
 impl RunMonitor {
     /// Starts to monitor a scheme of a model.
     pub(super) fn new<E: Engine>(scene: &Scene, model: &Model<E>, scheme: &dyn Scheme) -> Result<RunMonitor> {
-        let sonic = if model.system.drive.varies() { model.sonic } else { f64::INFINITY };
         Ok(RunMonitor {
-            guard: Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)),
+            guard: model.guard(scene, scheme)?,
             iterations: 0,
             kkt: 0.0,
             contacts: ContactRecorder::default(),
             accelerations: Accelerations::new(scene),
-            peaks: model.extremes.as_ref().map(StressPeaks::new),
+            stresses: model.stress_watch(),
             forces: ForceRecorder::new(scene, model),
             noted: false,
             clock: BlockClock::start(BlockSeconds::default()),
@@ -397,8 +390,7 @@ impl RunMonitor {
 
     /// Returns the extremes of the run so far, if the scene asks for them. Collective.
     pub(super) fn extremes<E: Engine>(&self, model: &Model<E>) -> Option<Extremes> {
-        let (sites, peaks) = model.extremes.as_ref().zip(self.peaks.as_ref())?;
-        let von_mises = peaks.largest(sites, model.system.engine.comm())?;
+        let von_mises = self.stresses.as_ref()?.largest(model.system.engine.comm())?;
         Some(Extremes { von_mises })
     }
 
@@ -417,8 +409,8 @@ impl RunMonitor {
         archive.value(&mut self.noted)?;
         self.contacts.archive(model.system.bounds.len(), archive)?;
         self.accelerations.archive(archive)?;
-        if let Some((sites, peaks)) = model.extremes.as_ref().zip(self.peaks.as_mut()) {
-            peaks.archive(sites, model.system.engine.comm(), archive)?;
+        if let Some(stresses) = &mut self.stresses {
+            stresses.archive(model.system.engine.comm(), archive)?;
         }
         self.forces.archive(archive)?;
         // A last state has no times, so that equal runs leave equal bytes.

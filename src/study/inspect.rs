@@ -181,9 +181,9 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
 
     let mut stresses = model.stress_watch();
     if let Some(stresses) = &mut stresses {
-        stresses.note(&model.start.displacement, 0.0)?;
+        stresses.note(engine, &model.start.displacement, 0.0)?;
     }
-    let peak = stresses.and_then(|stresses| stresses.largest());
+    let peak = stresses.and_then(|stresses| stresses.largest(engine.comm()));
     let largest_stress = peak.filter(|peak| !no_start && peak.value > 0.0);
 
     let bounded = if system.bounds.is_empty() {

@@ -16,12 +16,7 @@ pub type Curvature = [f64; 3];
 
 /// Returns the curvatures at the sites of a recovery for values and slopes, three per node.
 fn at_sites(recovery: &Recovery, shape: &[f64]) -> Vec<Curvature> {
-    let padding = [0.0; assembly::SITES];
-    let nodal =
-        [0, 1, 2].map(|k| shape.iter().skip(k).step_by(3).chain(&padding).copied().collect::<Vec<_>>());
-    let mut blocks = vec![assembly::SiteBlock::default(); recovery.blocks()];
-    recovery.curvatures([&nodal[0], &nodal[1], &nodal[2]], &WholeMesh, &mut blocks).unwrap();
-    recovery.slots().iter().map(|&slot| assembly::values_in_slot(&blocks, slot)).collect()
+    recovery.curvatures(shape, &WholeMesh).unwrap()
 }
 
 /// Returns the recovered curvature at each node of a plate of one part.

@@ -1,11 +1,11 @@
-//! Contributions of effects to the equations of motion
+//! Contributions of effects to the equations of motion.
 //!
 //! ```math
-//! M \ddot U + (\alpha M + \beta K + C)\, \dot U + K U = F + G^T r ,
+//! M \ddot U + (\alpha M + \beta K + C)\, \dot U + K U = F + G^T r
 //! ```
 //!
-//! stored over the deflections and slopes of all nodes, held or not: the rows of the free dofs make
-//! K, M and F, and those of the held dofs the reactions of the supports.
+//! Matrices, masses and loads act on the deflections and slopes of all nodes, held or not. The rows
+//! of the free dofs make K, M and F; the rows of the held dofs make the reactions of the supports.
 
 use crate::assembly::{CellMatrix, Probe};
 use crate::communicator::Communicator;

@@ -4,13 +4,13 @@ use super::contributions::{Contributions, PointEvaluation, PointTerm};
 use crate::assembly::{self, CellArrays, Pressure, Probe};
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
-use crate::element::adaptive::{self, Rules};
+use crate::element::adaptive::Rules;
 use crate::error::{Error, Result};
 use crate::geometry;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::scene::{self, FieldInput, Scene};
-use crate::simulation::refinement::seen;
+use crate::simulation::refinement;
 use crate::simulation::stops::Stop;
 
 /// Build context of a model: this process's part of the mesh, and the relation of its dofs to those
@@ -80,15 +80,8 @@ impl<P: Partition> BuildContext<'_, P> {
     /// of its values for given shapes. Collective.
     pub fn probe(&self, probe: &scene::Probe, shapes: &[&[f64]]) -> Result<(Probe, Vec<f64>)> {
         let spot = self.spot(&format!("probe \"{}\"", probe.name), probe.at)?;
-        let mut local = vec![0.0; self.space.dofs()];
-        if let Some(spot) = &spot {
-            spot.free.push(1.0, &mut local);
-        }
-        if let Some(gap) = probe.ball.and_then(|ball| self.gaps[ball]) {
-            local[gap] += 1.0;
-        }
-        let of = |shape: &&[f64]| spot.as_ref().map_or(0.0, |spot| spot.of_shape.deflection(shape));
-        Ok((Probe::from_weights(&self.partition.add_up(&local)?), shapes.iter().map(of).collect()))
+        let gap = probe.ball.and_then(|ball| self.gaps[ball]);
+        self.framed(spot.as_ref().map(|spot| &spot.of_shape), gap, shapes)
     }
 
     /// Returns the slope along x (0) or y (1) at a scene's probe over the engine's dofs, and this
@@ -96,16 +89,22 @@ impl<P: Partition> BuildContext<'_, P> {
     pub fn slope(&self, probe: &scene::Probe, along: usize, shapes: &[&[f64]]) -> Result<(Probe, Vec<f64>)> {
         let spot = self.spot(&format!("probe \"{}\"", probe.name), probe.at)?;
         let of = |_| Probe::of_derivative(self.mesh, probe.at.into(), |of| of.gradient[along]);
-        self.framed(self.comm().all_ok(spot.map(of).transpose())?.as_ref(), shapes)
+        self.framed(self.comm().all_ok(spot.map(of).transpose())?.as_ref(), None, shapes)
     }
 
-    /// Returns this process's part of a sum over all deflections and slopes, three per node, over
-    /// the engine's dofs and for given shapes. Collective.
-    pub fn framed(&self, of_shape: Option<&Probe>, shapes: &[&[f64]]) -> Result<(Probe, Vec<f64>)> {
+    /// Returns this process's part of a sum over all deflections and slopes, three per node, and of
+    /// a gap, over the engine's dofs and for given shapes. Collective.
+    pub fn framed(
+        &self,
+        of_shape: Option<&Probe>,
+        gap: Option<usize>,
+        shapes: &[&[f64]],
+    ) -> Result<(Probe, Vec<f64>)> {
         let mut local = vec![0.0; self.space.dofs()];
         if let Some(of_shape) = of_shape {
             of_shape.within(self.space).push(1.0, &mut local);
         }
+        gap.iter().for_each(|&gap| local[gap] += 1.0);
         let of = |shape: &&[f64]| of_shape.map_or(0.0, |of_shape| of_shape.deflection(shape));
         Ok((Probe::from_weights(&self.partition.add_up(&local)?), shapes.iter().map(of).collect()))
     }
@@ -154,7 +153,11 @@ impl<P: Partition> BuildContext<'_, P> {
         if let Some(pressure) = pressure.number() {
             return Ok(assembly::uniform_load(&cells, dofs, pressure));
         }
-        let rules = self.rules(pressure)?;
+        let still = pressure.still(0.0);
+        let rules = match pressure.is_low() {
+            true => Rules::new(),
+            false => refinement::rules(&pressure.key, self.mesh, &|_| Some(&still), self.comm())?,
+        };
         let integral = || {
             let mut load = vec![0.0; dofs];
             let points = Pressure::new(self.mesh, &cells)?;
@@ -172,16 +175,5 @@ impl<P: Partition> BuildContext<'_, P> {
         let gaps = self.gaps.iter().zip(of_gaps);
         gaps.for_each(|(gap, value)| gap.iter().for_each(|&gap| local[gap] += value));
         local
-    }
-
-    /// Returns special quadrature rules for cells in which a constant field needs them. Collective.
-    fn rules(&self, given: &FieldInput) -> Result<Rules> {
-        if given.is_low() {
-            return Ok(Rules::new());
-        }
-        let pieces = self.comm().all_ok(assembly::pieces(self.mesh))?;
-        let still = given.still(0.0);
-        let refined = adaptive::refine(&pieces, &|_| Some(&still), adaptive::ONCE, self.comm());
-        seen(&given.key, self.comm().all_ok(refined)?)
     }
 }

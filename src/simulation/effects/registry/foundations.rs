@@ -3,13 +3,13 @@
 use crate::assembly;
 use crate::communicator::Communicator;
 use crate::dof_map::NodeConstraint;
-use crate::element::adaptive::{self, Integrand, Rules};
+use crate::element::adaptive::{Integrand, Rules};
 use crate::error::{Error, Result};
 use crate::partition::Partition;
 use crate::scene;
 use crate::simulation::effects::contributions::{Contributions, Restraint};
 use crate::simulation::effects::ground::BuildContext;
-use crate::simulation::refinement::seen;
+use crate::simulation::refinement;
 use crate::simulation::regions::cells_in;
 use std::collections::BTreeSet;
 
@@ -51,25 +51,10 @@ fn foundation_rules<P: Partition>(ground: &BuildContext<P>, reaches: &[Vec<bool>
     if foundations.iter().all(|of| of.stiffness.is_low()) {
         return Ok(Rules::new());
     }
-    // One sum serves all cells that the same foundations cover.
-    let mut sums = Vec::new();
-    let mut known: Vec<Vec<bool>> = Vec::new();
-    let mut sum_of = Vec::with_capacity(ground.mesh.cells.len());
-    for cell in 0..ground.mesh.cells.len() {
-        let reached: Vec<bool> = reaches.iter().map(|reach| reach[cell]).collect();
-        let number = known.iter().position(|other| *other == reached).unwrap_or_else(|| {
-            let under = foundations.iter().zip(&reached).filter(|(_, reached)| **reached);
-            sums.push(under.map(|(of, _)| of.stiffness.still(0.0)).collect::<Vec<_>>());
-            known.push(reached);
-            sums.len() - 1
-        });
-        sum_of.push(number);
-    }
-    let function = |cell: usize| {
-        let sum = &sums[sum_of[cell]];
-        (!sum.is_empty()).then_some(sum as &dyn Integrand)
-    };
-    let pieces = ground.comm().all_ok(assembly::pieces(ground.mesh))?;
-    let refined = adaptive::refine(&pieces, &function, adaptive::ONCE, ground.comm());
-    seen("foundation", ground.comm().all_ok(refined)?)
+    let cells = 0..ground.mesh.cells.len();
+    let under = |cell: usize| foundations.iter().zip(reaches).filter(move |(_, reach)| reach[cell]);
+    let sum = |cell: usize| under(cell).map(|(of, _)| of.stiffness.still(0.0)).collect();
+    let sums: Vec<Vec<scene::Still>> = cells.map(sum).collect();
+    let field = |cell: usize| (!sums[cell].is_empty()).then_some(&sums[cell] as &dyn Integrand);
+    refinement::rules("foundation", ground.mesh, &field, ground.comm())
 }

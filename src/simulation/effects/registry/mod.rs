@@ -26,10 +26,10 @@ use crate::simulation::stops::Stop;
 /// Collective.
 type Effect<P> = fn(&BuildContext<P>, &mut Contributions) -> Result<()>;
 
-/// Returns all effects in the order of their contributions: a further one takes its file, its row
-/// here, and its page in `docs/scenes.md`.
-fn effects<P: Partition>() -> [Effect<P>; 8] {
-    [
+/// Returns all effects in the order of their contributions. A further effect takes a file in this
+/// folder, its name and row here, and its page in `docs/scenes.md`.
+fn effects<P: Partition>() -> Vec<Effect<P>> {
+    vec![
         foundations::add,
         elastic_edges::add,
         ribs::add,

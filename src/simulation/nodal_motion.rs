@@ -1,0 +1,41 @@
+//! Motion of the nodes in a frame at rest, beside supports that move.
+
+use super::effects::{BuildContext, Lift};
+use crate::dof_map::DofMap;
+use crate::error::Result;
+use crate::linalg::vectors::axpy;
+use crate::mesh::Point;
+use crate::partition::Partition;
+
+/// Deflections and slopes at all nodes of this rank's cells, three per node, in a frame at rest.
+pub(super) struct NodalMotion {
+    space: DofMap,
+    lifts: Vec<Lift>,
+}
+
+impl NodalMotion {
+    /// Creates the motion on supports with some lifts.
+    pub fn new<P: Partition>(ground: &BuildContext<P>, lifts: &[Lift]) -> NodalMotion {
+        NodalMotion { space: ground.space.clone(), lifts: lifts.to_vec() }
+    }
+
+    /// Returns the values for displacements over the dofs of this rank's cells, in the frame of the
+    /// supports.
+    pub fn relative(&self, u: &[f64]) -> Vec<f64> {
+        self.space.shape(u)
+    }
+
+    /// Returns the values for displacements over the dofs of this rank's cells at an instant (s).
+    pub fn at(&self, u: &[f64], time: f64) -> Result<Vec<f64>> {
+        let mut shape = self.relative(u);
+        for Lift { motion, shape: lift, .. } in &self.lifts {
+            axpy(motion.at(Point::origin(), time)?, lift, &mut shape);
+        }
+        Ok(shape)
+    }
+
+    /// Adds what support velocities (m/s) give to rates in the frame of the supports.
+    pub fn carry(&self, support_rates: &[f64], rates: &mut [f64]) {
+        self.lifts.iter().zip(support_rates).for_each(|(lift, rate)| axpy(*rate, &lift.shape, rates));
+    }
+}
