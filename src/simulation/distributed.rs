@@ -67,8 +67,7 @@ impl Model<Distributed> {
             Some(grid) => {
                 let cells = meshing::rectangles(&scene.mesh);
                 let halvings = levels::halvings(&scene.mesh, comm.size());
-                let keep = levels::uses_multigrid(scene, context, cells, scene.mesh.refine + halvings)?;
-                comm.all_ok(require_memory(scene, cells, comm.size(), keep))?;
+                let keep = keeps_levels(scene, context, cells, scene.mesh.refine + halvings)?;
                 let halvings = if keep { halvings } else { 0 };
                 let refinements = Refinements { count: scene.mesh.refine + halvings, keep };
                 Part::new(context, &grid.coarsened(halvings)?, refinements, &supports, &balls, tips)?
@@ -77,8 +76,7 @@ impl Model<Distributed> {
                 let first = if comm.rank() == 0 { whole(scene, &marks) } else { Ok((Mesh::default(), 0)) };
                 let (mesh, refine) = comm.all_ok(first)?;
                 let (refine, cells) = comm.all_gather_one((refine, meshing::kinds(&mesh)))[0];
-                let keep = levels::uses_multigrid(scene, context, cells, refine)?;
-                comm.all_ok(require_memory(scene, cells, comm.size(), keep))?;
+                let keep = keeps_levels(scene, context, cells, refine)?;
                 let refinements = Refinements { count: refine, keep };
                 Part::of_mesh(context, || Ok(mesh), refinements, &supports, &balls, tips)?
             }
@@ -114,10 +112,14 @@ fn number_nodes(sites: &mut [DeflectionDof], comm: &impl Communicator) {
     }
 }
 
-/// Refuses a run that cannot fit into memory, with factors or by multigrid.
-fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize, multigrid: bool) -> Result<()> {
-    let factors = if multigrid { 0 } else { scene.time.factors() };
-    meshing::require_memory(scene, cells, ranks, factors)
+/// Returns whether multigrid needs the coarser levels of a mesh of `cells` triangles and
+/// quadrilaterals, and refuses a run that cannot fit into memory, with factors or without.
+/// Collective.
+fn keeps_levels(scene: &Scene, context: &Context, cells: [u64; 2], levels: u32) -> Result<bool> {
+    let multigrid = levels::uses_multigrid(scene, context, cells, levels)?;
+    let (comm, factors) = (context.comm(), if multigrid { 0 } else { scene.time.factors() });
+    comm.all_ok(meshing::require_memory(scene, cells, comm.size(), factors))?;
+    Ok(multigrid)
 }
 
 /// Returns the grid of a scene without a mesh file; `None` where nodes must be created in it.

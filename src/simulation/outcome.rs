@@ -28,7 +28,7 @@ pub struct Impact {
 }
 
 /// Energy at the start and end and its extremes over the rows, in J.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct EnergySpan {
     /// Energy at the start, in J.
     pub start: f64,
@@ -112,7 +112,7 @@ impl From<LinearSolves> for LinearIterations {
 }
 
 /// Summary of a finished run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Outcome {
     /// Number of free dofs.
     pub dofs: usize,
@@ -182,25 +182,9 @@ impl Outcome {
             ranks: engine.comm().size(),
             imbalance: engine.comm().all_reduce_max(engine.dofs() as f64) * engine.comm().size() as f64
                 / dofs.max(1) as f64,
-            steps: 0,
-            contact_steps: 0,
-            vi_iterations: 0,
-            factorisations: 0,
-            linear: LinearIterations::default(),
-            retries: 0,
-            most_contact_nodes: 0,
-            tally: None,
             energy: EnergySpan { start, end: start, min: start, max: start },
-            first_impact: None,
-            contacts: Vec::new(),
-            node_contacts: 0,
-            forces: BTreeMap::new(),
-            dissipated: BTreeMap::new(),
-            worst_kkt: 0.0,
-            worst_penetration: 0.0,
-            relaxation: None,
-            extremes: None,
             seconds: Seconds { assembly, equilibrium, factor, ..Seconds::default() },
+            ..Outcome::default()
         })
     }
 

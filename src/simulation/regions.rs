@@ -8,6 +8,7 @@ use crate::geometry;
 use crate::mesh::{self, Mesh, NEAR, Point};
 use crate::partition::Partition;
 use crate::scene::{Region, Scene, SupportKind, SupportLocation};
+use std::collections::BTreeMap;
 
 /// Sum of the values of all processes at each node of this process. Collective.
 pub(super) type NodeSums<'p> = dyn Fn(&[f64]) -> Result<Vec<f64>> + 'p;
@@ -23,11 +24,7 @@ pub(super) fn supports(
         let key = format!("support.{number}");
         let place = match &support.stand {
             SupportLocation::Edge { edge, part } => {
-                let sides = mesh.edges.get(edge).map_or(&[][..], Vec::as_slice);
-                require(comm, !sides.is_empty(), || {
-                    let known: Vec<&str> = mesh.edges.keys().map(String::as_str).collect();
-                    format!("{key}.edge: the mesh has no edge named \"{edge}\"; it has: {}", known.join(", "))
-                })?;
+                let sides = named(&mesh.edges, "edge", edge, comm, &key)?;
                 let inside =
                     |node: usize| part.as_ref().map_or(Ok(true), |part| holds(part, mesh.nodes[node], &key));
                 let choose = |&[a, b]: &[usize; 2]| {
@@ -41,21 +38,30 @@ pub(super) fn supports(
                 Place::Edges(chosen)
             }
             SupportLocation::At(at) => Place::Nodes(nodes_at(mesh, *at, comm, &key)?),
-            SupportLocation::Point(name) => Place::Nodes(nodes_of_point(mesh, name, comm, &key)?),
+            SupportLocation::Point(name) => {
+                Place::Nodes(named(&mesh.points, "point", name, comm, &key)?.to_vec())
+            }
         };
         supports.push((place, support.kind));
     }
     Ok(supports)
 }
 
-/// Returns the nodes of a physical point that this process owns. Collective.
-fn nodes_of_point(mesh: &Mesh, name: &str, comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
-    let nodes = mesh.points.get(name).cloned().unwrap_or_default();
-    require(comm, !nodes.is_empty(), || {
-        let known: Vec<&str> = mesh.points.keys().map(String::as_str).collect();
-        format!("{key}.point: the mesh has no point named \"{name}\"; it has: {}", known.join(", "))
+/// Returns this process's members of what the mesh has under a name; `what` is the word for it,
+/// also in keys. Collective.
+pub(super) fn named<'m, T>(
+    lists: &'m BTreeMap<String, Vec<T>>,
+    what: &str,
+    name: &str,
+    comm: &impl Communicator,
+    key: &str,
+) -> Result<&'m [T]> {
+    let members = lists.get(name).map_or(&[][..], Vec::as_slice);
+    require(comm, !members.is_empty(), || {
+        let known: Vec<&str> = lists.keys().map(String::as_str).collect();
+        format!("{key}.{what}: the mesh has no {what} named \"{name}\"; it has: {}", known.join(", "))
     })?;
-    Ok(nodes)
+    Ok(members)
 }
 
 /// Returns whether a condition of a table holds at a point.
@@ -120,7 +126,7 @@ pub(super) fn nodes_of(
         }
         Region::Group(name) => {
             let mut touched = vec![0.0; mesh.nodes.len()];
-            for cell in group(mesh, name, comm, key)? {
+            for &cell in named(&mesh.groups, "group", name, comm, key)? {
                 mesh.cells[cell].nodes().iter().for_each(|&node| touched[node] = 1.0);
             }
             let touched = sums(&touched)?;
@@ -128,10 +134,11 @@ pub(super) fn nodes_of(
         }
         Region::At(at) => nodes_at(mesh, *at, comm, key),
         Region::Point(name) => {
-            let mut named = vec![0.0; mesh.nodes.len()];
-            nodes_of_point(mesh, name, comm, key)?.into_iter().for_each(|node| named[node] = 1.0);
-            let named = sums(&named)?;
-            Ok(nodes.filter(|&node| named[node] > 0.0).collect())
+            let mut chosen = vec![0.0; mesh.nodes.len()];
+            let points = named(&mesh.points, "point", name, comm, key)?;
+            points.iter().for_each(|&node| chosen[node] = 1.0);
+            let chosen = sums(&chosen)?;
+            Ok(nodes.filter(|&node| chosen[node] > 0.0).collect())
         }
         Region::Line([from, to]) => {
             let (from, to) = (Point::from(*from), Point::from(*to));
@@ -147,16 +154,6 @@ pub(super) fn nodes_of(
             Ok(chosen)
         }
     }
-}
-
-/// Returns the cells of this process in a group. Collective.
-fn group(mesh: &Mesh, name: &str, comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
-    let cells = mesh.groups.get(name).cloned().unwrap_or_default();
-    require(comm, !cells.is_empty(), || {
-        let known: Vec<&str> = mesh.groups.keys().map(String::as_str).collect();
-        format!("{key}.group: the mesh has no group named \"{name}\"; it has: {}", known.join(", "))
-    })?;
-    Ok(cells)
 }
 
 /// Returns a flag per cell of this process, set for those in a region of the plate: cells of its
@@ -180,7 +177,10 @@ pub(super) fn cells_in(
                 format!("{key}.where: it holds at the centre of no cell")
             })?;
         }
-        Region::Group(name) => group(mesh, name, comm, key)?.into_iter().for_each(|cell| chosen[cell] = true),
+        Region::Group(name) => {
+            let cells = named(&mesh.groups, "group", name, comm, key)?;
+            cells.iter().for_each(|&cell| chosen[cell] = true);
+        }
         Region::All | Region::At(_) | Region::Point(_) | Region::Line(_) => {}
     }
     Ok(chosen)

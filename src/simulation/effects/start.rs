@@ -91,8 +91,11 @@ pub(super) fn start<E: OfCells, P: Partition>(
     let rates = system.drive.rates(0.0)?;
     let of_supports = |dof: usize| lifts.iter().zip(&rates).map(|(lift, rate)| rate * lift.shape[dof]).sum();
     let thrown = if initial.velocity.is_zero() { None } else { contradiction(ground, &given, of_supports) };
-    let doubt = first_of_all(comm, thrown)
-        .map(|of| format!("initial.velocity: {}; it stops the plate there at once", of.words("m/s", "1/s")));
+    // The first process that has a violation tells it.
+    let thrown = comm.all_gather(thrown.as_slice()).into_iter().next();
+    let doubt = thrown.map(|of| {
+        format!("initial.velocity: {}; it stops the plate there at once", in_words(of, "m/s", "1/s"))
+    });
     let mut velocity = space.interpolate(&given);
     for (Lift { shape, .. }, rate) in lifts.iter().zip(&rates) {
         axpy(-rate, &space.interpolate(shape), &mut velocity);
@@ -157,28 +160,20 @@ fn compress(
 fn on_supports<P: Partition>(ground: &BuildContext<P>, shape: Vec<f64>) -> Result<Vec<f64>> {
     match contradiction(ground, &shape, |_| 0.0) {
         None => Ok(shape),
-        Some(of) => Err(Error::Scene(format!("initial.deflection: {}", of.words("m", "")))),
+        Some(of) => Err(Error::Scene(format!("initial.deflection: {}", in_words(of, "m", "")))),
     }
 }
 
-/// Violation of a support by an initial field.
-struct Contradiction {
-    at: [f64; 2],
-    /// Whether the field itself violates the support; otherwise its slope along x or y.
-    is_value: bool,
-    given: f64,
-    held: f64,
-}
+/// Violation of a support by an initial field: place, whether the field itself violates the support
+/// or its slope along x or y, the value given, and the value held.
+type Contradiction = ([f64; 2], bool, f64, f64);
 
-impl Contradiction {
-    /// Describes the violation in words, with the units of the field and of its slope.
-    fn words(&self, of_value: &str, of_slope: &str) -> String {
-        let Contradiction { at: [x, y], is_value, given, held } = self;
-        let (what, unit) = if *is_value { ("", of_value) } else { ("a slope of ", of_slope) };
-        let held = if *held == 0.0 { "0".to_owned() } else { format!("{held:?} {unit}") };
-        let given = format!("{given:?} {unit}");
-        format!("{what}{} at ({x}, {y}), where a support holds the plate at {held}", given.trim_end())
-    }
+/// Describes a violation, with the units of the field and of its slope.
+fn in_words(([x, y], is_value, given, held): Contradiction, of_value: &str, of_slope: &str) -> String {
+    let (what, unit) = if is_value { ("", of_value) } else { ("a slope of ", of_slope) };
+    let held = if held == 0.0 { "0".to_owned() } else { format!("{held:?} {unit}") };
+    let given = format!("{given:?} {unit}");
+    format!("{what}{} at ({x}, {y}), where a support holds the plate at {held}", given.trim_end())
 }
 
 /// Returns the first node of this process at which a field (three values per node) violates a
@@ -202,20 +197,8 @@ fn contradiction<P: Partition>(
             let is_held = if which == 0 { ground.holds[node].deflection > 0.0 } else { is_clamped };
             let is_off = (given - held).abs() > BEYOND * scales[usize::from(which > 0)].max(held.abs());
             let Point { coords } = ground.mesh.nodes[node];
-            (is_held && is_off).then(|| Contradiction {
-                at: coords.into(),
-                is_value: which == 0,
-                given,
-                held,
-            })
+            (is_held && is_off).then(|| (coords.into(), which == 0, given, held))
         })
     };
     (0..ground.holds.len()).find_map(wrong)
-}
-
-/// Returns the violation of the first process that has one. Collective.
-fn first_of_all(comm: &impl Communicator, own: Option<Contradiction>) -> Option<Contradiction> {
-    let own = own.map(|of| (of.at, of.is_value, of.given, of.held));
-    let first = comm.all_gather(own.as_slice()).into_iter().next();
-    first.map(|(at, is_value, given, held)| Contradiction { at, is_value, given, held })
 }

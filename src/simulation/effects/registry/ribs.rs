@@ -8,7 +8,7 @@ use crate::partition::Partition;
 use crate::scene::{Rib, RibPath};
 use crate::simulation::effects::contributions::Contributions;
 use crate::simulation::effects::ground::BuildContext;
-use crate::simulation::regions::require;
+use crate::simulation::regions::{named, require};
 use std::collections::HashSet;
 
 /// Distance of two places, relative to the length of a rib, below which they are one.
@@ -36,14 +36,7 @@ fn pieces(mesh: &Mesh, comm: &impl Communicator, rib: &Rib, number: usize) -> Re
     match &rib.path {
         RibPath::Line(ends) => along_line(mesh, comm, ends.map(Point::from), &format!("rib.{number}")),
         RibPath::Edge(edge) => {
-            let sides = mesh.edges.get(edge).map_or(&[][..], Vec::as_slice);
-            require(comm, !sides.is_empty(), || {
-                let known: Vec<&str> = mesh.edges.keys().map(String::as_str).collect();
-                format!(
-                    "rib.{number}.edge: the mesh has no edge named \"{edge}\"; it has: {}",
-                    known.join(", ")
-                )
-            })?;
+            let sides = named(&mesh.edges, "edge", edge, comm, &format!("rib.{number}"))?;
             Ok(along_sides(mesh, comm, sides))
         }
     }
