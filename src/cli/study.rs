@@ -65,7 +65,7 @@ struct Lists {
     #[arg(long, value_name = "NUMBERS")]
     steps: Option<String>,
     // Elements: their list is the registry's.
-    #[arg(long, value_name = "NAMES", help = format!("Elements: {}", ElementKind::LIST.replace(" | ", ", ")))]
+    #[arg(long, value_name = "NAMES", help = format!("Elements: {}", ElementKind::ALL.map(ElementKind::name).join(", ")))]
     elements: Option<String>,
     /// Meshes, such as 10x4,20x8
     #[arg(long, value_name = "NXxNY")]

@@ -47,9 +47,6 @@ impl ElementKind {
     /// All elements.
     pub const ALL: [ElementKind; 2] = [ElementKind::Hct, ElementKind::Fvs];
 
-    /// Names of all elements, as a comment in a scene lists them.
-    pub const LIST: &str = "hct | fvs";
-
     /// Returns the row of the element in the registry.
     const fn row(self) -> &'static RegistryRow {
         match self {

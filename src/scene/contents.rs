@@ -1,52 +1,110 @@
-//! Contents of a scene.
+//! Contents of a scene: all of its tables.
 
 use super::attachments::Attachments;
+use super::damping::Damping;
+use super::document::quote;
+use super::entry::{Entry, Kind, SceneText, Schema, Table, flat, if_given, object, section, table, tables};
+use super::initial::Initial;
+use super::kinds::{parameter, shortest, string, text};
+use super::loads::Load;
+use super::mesh::{Grid, MeshFile, mesh};
+use super::obstacles::Obstacle;
+use super::output::Output;
+use super::plate::{Part, PlateSpec};
 use super::slider::Slider;
+use super::solver::Solver;
 use super::study::Study;
+use super::supports::Support;
 use super::sweep::SweepSpec;
-use super::tables::{
-    Damping, Grid, Initial, Load, MeshFile, Obstacle, Output, Part, PlateSpec, Solver, Support,
-};
 use super::time::Time;
 use crate::field::Parameters;
+use serde_json::{Value, json};
 
-/// Simulation input, validated and with every default filled in, in SI units.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Scene {
-    /// Title, one line of text; by default the name of the file without its extension.
-    pub title: String,
-    /// Numbers that every formula may use.
-    pub parameters: Parameters,
-    /// Plate.
-    pub plate: PlateSpec,
-    /// Parts of the plate with another thickness or material; the last one wins where they overlap.
-    pub parts: Vec<Part>,
-    /// Discretisation.
-    pub mesh: Grid,
-    /// Gmsh file that gives shape and mesh, in place of a rectangle.
-    pub file: Option<MeshFile>,
-    /// Supports; edges not named are free.
-    pub supports: Vec<Support>,
-    /// Rigid obstacles; where several lie on one side, the nearest counts.
-    pub obstacles: Vec<Obstacle>,
-    /// Loads; `None` costs nothing.
-    pub load: Option<Load>,
-    /// Foundations, springs, masses and balls.
-    pub attachments: Attachments,
-    /// Dry friction at nodes.
-    pub sliders: Vec<Slider>,
-    /// Damping; `None` costs nothing.
-    pub damping: Option<Damping>,
-    /// Initial state.
-    pub initial: Initial,
-    /// Time scheme and steps.
-    pub time: Time,
-    /// Linear algebra and contact solver.
-    pub solver: Solver,
-    /// Output files.
-    pub output: Output,
-    /// Runs that `rebond study` compares, where the scene says so.
-    pub study: Option<Study>,
-    /// Runs that `rebond sweep` makes, where the scene says so.
-    pub sweep: Option<SweepSpec>,
+table! {
+    /// Simulation input, validated and with every default filled in, in SI units.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Scene {
+        /// Title, one line of text; by default the name of the file without its extension.
+        title: String = title().or_else(|doc| Ok(doc.stem()));
+        /// Numbers with names of their own, which every formula of the scene may use.
+        parameters: Parameters = parameters();
+        /// Plate: sides, thickness and material.
+        plate: PlateSpec = section();
+        /// Parts of the plate with another thickness or material; the last one wins where they
+        /// overlap.
+        parts: Vec<Part> = tables("part", "where or group, and what differs there");
+        /// Discretisation: rectangles, or a Gmsh file.
+        mesh: Grid,
+        /// Gmsh file that gives shape and mesh, in place of a rectangle.
+        file: Option<MeshFile> = mesh();
+        /// Supports: edges and points that are held; all others are free.
+        supports: Vec<Support> = tables("support", "edge and kind");
+        /// Obstacles, rigid or compliant; where several rigid ones lie on one side, the nearest
+        /// counts.
+        obstacles: Vec<Obstacle> = tables("obstacle", "side and height");
+        /// Loads: pressure, gravity and point forces; `None` costs nothing.
+        load: Option<Load> = if_given();
+        /// Foundations, springs, masses, ribs and balls.
+        attachments: Attachments = flat();
+        /// Dry friction at nodes.
+        sliders: Vec<Slider> = tables("slider", "at and force");
+        /// Damping: Rayleigh's coefficients, and damping of single modes; `None` costs nothing.
+        damping: Option<Damping> = if_given();
+        /// Initial state: deflection and velocity at the start; by default at rest and flat.
+        initial: Initial = section();
+        /// Time scheme, mass, step and end.
+        time: Time = section();
+        /// Linear algebra, contact solver and tolerances.
+        solver: Solver = section();
+        /// Output files.
+        output: Output = section();
+        /// Runs that `rebond study` compares, where the scene says so.
+        study: Option<Study> = if_given();
+        /// Runs that `rebond sweep` makes, where the scene says so.
+        sweep: Option<SweepSpec> = if_given();
+    }
+}
+
+/// Title of a scene.
+fn title() -> Kind<String> {
+    text("expected one line of text", |title, expected| {
+        let has_control = title.contains(char::is_control);
+        has_control.then(|| format!("{} has a control character; {expected}", quote(title)))
+    })
+}
+
+/// Table of parameters, which have names of their own.
+fn parameters() -> Entry<Parameters> {
+    let write = |name: &str, parameters: &Parameters, lines: &mut SceneText| {
+        if parameters.iter().next().is_some() {
+            lines.behind(&format!("\n[{name}]\n"));
+        }
+        for (name, value) in parameters.iter() {
+            let is_word = name.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+            let name = if is_word { name.to_owned() } else { string(name) };
+            lines.behind(&format!("{name} = {}\n", shortest(value)));
+        }
+    };
+    Entry::new(
+        |name, help, keys| {
+            let of_number = (parameter().schema)().into();
+            let schema = object([("type", json!("object")), ("additionalProperties", of_number)]);
+            keys.add(name, help, false, schema);
+        },
+        |doc, _, _| doc.parameters().cloned(),
+        write,
+    )
+}
+
+/// Returns the JSON schema (draft 7) of scene files.
+///
+/// It is made from the rows of the tables, with their types, ranges and words. The reader checks
+/// more: formulas, names, and what keys say together.
+pub fn schema() -> Value {
+    let mut schema: Schema = object([
+        ("$schema", json!("http://json-schema.org/draft-07/schema#")),
+        ("title", json!("Scene of rebond, in SI units")),
+    ]);
+    schema.extend(Scene::keys().schema());
+    Value::Object(schema)
 }

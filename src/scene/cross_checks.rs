@@ -3,7 +3,7 @@
 use super::document::{Document, quote};
 use super::{
     ContactSolver, EngineName, FORCE_COLUMNS, Initial, LinearSolver, Mass, Massless, Obstacle, Probe,
-    ProbeQuantity, Scene, SchemeSpec, Side, StartFrom,
+    ProbeQuantity, Region, Scene, SchemeSpec, Side, StartFrom, Support, SupportLocation,
 };
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
@@ -11,12 +11,54 @@ use crate::mesh::Point;
 
 /// Refuses what the tables of a scene contradict in each other; the first fault found wins.
 pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
+    check_edges(doc, scene)?;
+    check_room(doc, scene)?;
     check_names(doc, scene)?;
     check_start(doc, scene)?;
     check_from(doc, scene)?;
     check_jumps(doc, scene)?;
     check_accelerations(doc, scene)?;
     check_scheme(doc, scene)
+}
+
+/// Refuses supports along a whole edge that another holds.
+fn check_edges(doc: &Document, scene: &Scene) -> Result<()> {
+    for (index, support) in scene.supports.iter().enumerate() {
+        let same = |other: &Support| other.stand == support.stand;
+        if let SupportLocation::Edge { part: None, .. } = support.stand
+            && let Some(first) = scene.supports[..index].iter().position(same)
+        {
+            let wrong = format!("support.{first} already holds this edge; expected each edge once");
+            return Err(doc.fault(&format!("support.{index}.edge"), wrong));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses a second rigid obstacle on one side of the whole plate, and two that leave no room.
+fn check_room(doc: &Document, scene: &Scene) -> Result<()> {
+    let planes = scene.obstacles.iter().enumerate();
+    let planes = planes.filter(|(_, plane)| plane.region == Region::All && plane.compliance.is_none());
+    for (index, plane) in planes.clone() {
+        let key = |name: &str| format!("obstacle.{index}.{name}");
+        for (earlier, other) in planes.clone().take_while(|(earlier, _)| *earlier < index) {
+            if other.side == plane.side {
+                let wrong = format!("obstacle.{earlier} already lies on this side of the whole plate");
+                let expected =
+                    "expected where, group, at, point or line, for an obstacle opposite to a part of it";
+                return Err(doc.fault(&key("side"), format!("{wrong}; {expected}")));
+            }
+            let (Some(height), Some(limit)) = (plane.height.number(), other.height.number()) else {
+                continue;
+            };
+            if if plane.side == Side::Below { height > limit } else { height < limit } {
+                let wrong = format!("{height:?} leaves no room beside the obstacle at {limit:?} m");
+                let expected = "expected the one below lower than the one above";
+                return Err(doc.fault(&key("height"), format!("{wrong}; {expected}")));
+            }
+        }
+    }
+    Ok(())
 }
 
 /// Refuses names of supports and obstacles that occur twice, or whose columns are those of probes.
@@ -206,14 +248,13 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
     if !scene.sliders.is_empty() {
         check_sliders(doc, scene)?;
     }
-    let has_tips = scene.compliances().any(|(_, of)| of.has_tip());
-    if let (SchemeSpec::Newmark { beta: 0.25, .. }, true) = (scene.time.scheme, has_tips) {
-        let wrong = "lets the massless tips of compliant stops oscillate more and more";
-        return Err(doc.fault("time.beta", format!("0.25 {wrong}; expected more than 0.25, such as 0.5")));
-    }
-    if let (SchemeSpec::Newmark { beta: 0.25, .. }, true) = (scene.time.scheme, is_modal) {
-        let wrong = "lets the massless rest of time.mass = \"modal\" oscillate more and more";
-        return Err(doc.fault("time.beta", format!("0.25 {wrong}; expected more than 0.25, such as 0.5")));
+    let has_tips = scene.compliances().any(|(_, compliance)| compliance.has_tip());
+    let massless = [(has_tips, "tips of compliant stops"), (is_modal, "rest of time.mass = \"modal\"")];
+    if let SchemeSpec::Newmark { beta: 0.25, .. } = scene.time.scheme
+        && let Some((_, part)) = massless.into_iter().find(|(is_there, _)| *is_there)
+    {
+        let wrong = format!("0.25 lets the massless {part} oscillate more and more");
+        return Err(doc.fault("time.beta", format!("{wrong}; expected more than 0.25, such as 0.5")));
     }
     // Modes with inertia of their own each take their own damping.
     if !(able.takes_any_damping || is_modal) {

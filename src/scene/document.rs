@@ -8,8 +8,10 @@ use std::path::Path;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::error::{Error, Result};
+use super::words::EngineName;
+use crate::error::{Error, Result, suggestion};
 use crate::field::Parameters;
+use crate::mesh::Point;
 
 /// Limit on the parts of an override's key, more than any key of a scene has.
 const DEEPEST_KEY: usize = 8;
@@ -23,8 +25,12 @@ pub(super) struct Document<'a> {
     text: &'a str,
     overrides: &'a [String],
     root: Node,
+    /// Engine of a scene that names none.
+    pub engine: EngineName,
     /// Parameters, once they are read.
     pub parameters: OnceCell<Parameters>,
+    /// Named points of the mesh file, once they are read.
+    pub points: OnceCell<BTreeMap<String, Vec<Point>>>,
 }
 
 /// Position at which a value was written.
@@ -57,7 +63,12 @@ pub(super) enum Value {
 
 impl<'a> Document<'a> {
     /// Parses the bytes of `file`, then applies the overrides in their order.
-    pub fn parse(bytes: &'a [u8], file: &'a str, overrides: &'a [String]) -> Result<Self> {
+    pub fn parse(
+        bytes: &'a [u8],
+        file: &'a str,
+        overrides: &'a [String],
+        engine: EngineName,
+    ) -> Result<Self> {
         let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
         let text = std::str::from_utf8(bytes).map_err(|error| {
             let at = error.valid_up_to();
@@ -70,7 +81,8 @@ impl<'a> Document<'a> {
         })?;
         let root =
             Node { place: SourcePlace::Byte(0), value: Value::table(table.get_ref(), &SourcePlace::Byte) };
-        let mut document = Document { file, text, overrides, root, parameters: OnceCell::new() };
+        let (parameters, points) = (OnceCell::new(), OnceCell::new());
+        let mut document = Document { file, text, overrides, root, engine, parameters, points };
         for index in 0..overrides.len() {
             document.apply(index)?;
         }
@@ -81,6 +93,79 @@ impl<'a> Document<'a> {
     /// scene.
     pub fn get(&self, key: &str) -> Option<&Node> {
         parts(key).try_fold(&self.root, |node, part| node.child(part))
+    }
+
+    /// Returns the value of a key that is present.
+    pub fn value(&self, key: &str) -> Option<&Value> {
+        self.get(key).map(|node| &node.value)
+    }
+
+    /// Returns a key's number as it is written, if it is one.
+    pub fn figure(&self, key: &str) -> Option<f64> {
+        match self.value(key)? {
+            Value::Integer(integer) => Some(*integer as f64),
+            Value::Float(float) => Some(*float),
+            _ => None,
+        }
+    }
+
+    /// Returns the name of the scene's own file without its extension.
+    pub fn stem(&self) -> String {
+        let stem = Path::new(self.file).file_stem().unwrap_or_default().to_string_lossy();
+        stem.replace(char::is_control, " ")
+    }
+
+    /// Returns the number of entries of an array; 0 if it is absent.
+    pub fn entries(&self, array: &str, expected: &str) -> Result<usize> {
+        match self.value(array) {
+            None => Ok(0),
+            Some(Value::Array(items)) => Ok(items.len()),
+            other => Err(self.unfit(array, other, expected)),
+        }
+    }
+
+    /// Returns the text of a key.
+    pub fn text(&self, key: &str, expected: impl Display) -> Result<&str> {
+        match self.value(key) {
+            Some(Value::Text(text)) => Ok(text),
+            other => Err(self.unfit(key, other, expected)),
+        }
+    }
+
+    /// Reads one of these words.
+    pub fn one_of<'w>(&self, key: &str, words: &[&'w str]) -> Result<&'w str> {
+        let list: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
+        let expected = format!("expected one of {}", list.join(", "));
+        let text = self.text(key, &expected)?;
+        words.iter().find(|word| **word == text).copied().ok_or_else(|| {
+            self.fault(key, format!("{} is not valid; {expected}{}", quote(text), suggestion(text, words)))
+        })
+    }
+
+    /// Refuses a key that another key makes meaningless.
+    pub fn forbid(&self, key: &str, wrong: impl Display) -> Result<()> {
+        self.get(key).map_or(Ok(()), |_| Err(self.fault(key, wrong)))
+    }
+
+    /// Works as [`Document::forbid`], for a parameter of an option that was not chosen.
+    ///
+    /// Where an override made the choice, parameters of the file's own choice are ignored.
+    pub fn forbid_with(&self, choice: &str, key: &str, wrong: impl Display) -> Result<()> {
+        let is_gone = self.is_overridden(choice) && !self.is_overridden(key);
+        if is_gone { Ok(()) } else { self.forbid(key, wrong) }
+    }
+
+    /// Creates the error for a missing key.
+    pub fn missing(&self, key: &str, expected: impl Display) -> Error {
+        self.fault(key, format!("missing; {expected}"))
+    }
+
+    /// Creates the error for a value of the wrong type, or for a missing one.
+    pub fn unfit(&self, key: &str, value: Option<&Value>, expected: impl Display) -> Error {
+        match value {
+            None => self.missing(key, expected),
+            Some(value) => self.fault(key, format!("found {value}; {expected}")),
+        }
     }
 
     /// Resolves a file name relative to the scene's own file.
@@ -244,6 +329,11 @@ pub(super) fn quote(text: &str) -> String {
 /// Formats a number in TOML's notation.
 pub(super) fn spell(number: f64) -> String {
     format!("{number:?}").to_lowercase()
+}
+
+/// Appends a name to the key of a table; the key of the whole scene is empty.
+pub(super) fn join(table: &str, name: &str) -> String {
+    if table.is_empty() { name.to_owned() } else { format!("{table}.{name}") }
 }
 
 /// Splits a dotted key into its parts; the empty key has none.

@@ -1,11 +1,9 @@
 //! Fields of a scene: formulas of place and time, tables of time, and the region where they hold.
 
-use super::Time;
 use crate::element::adaptive::Integrand;
 use crate::error::{Error, Result};
 use crate::field::{
-    Break, Breaks, Condition, Derivatives, Enclosure, Field, Interpolation, Interval, Missed, Names,
-    ParseError, Table,
+    Breaks, Condition, Derivatives, Enclosure, Field, Interpolation, Interval, Names, ParseError, Table,
 };
 use crate::linalg::vectors::{add, scale};
 use crate::mesh::Point;
@@ -152,32 +150,6 @@ impl FieldInput {
         }
     }
 
-    /// Describes the first jump at a place (m) before the end, with a remedy; `None` without one.
-    ///
-    /// The search takes at most `looks` evaluations.
-    pub fn jump(&self, at: Point, time: &Time, looks: usize) -> Option<String> {
-        let breaks = self.breaks(at, time.end, looks);
-        let Break { time: instant, jump, .. } = breaks.found.into_iter().find(|of| of.jump != 0.0)?;
-        let place = if self.is_even() { String::new() } else { format!(" at ({}, {})", at.x, at.y) };
-        let [jump, ramp] = [jump, 10.0 * time.step].map(|of| format!("{of:.5e}").parse().unwrap_or(of));
-        Some(format!(
-            "jumps by {jump:?} m at t = {instant:?} s{place}, which nothing rigid can do; expected no jump, such as a ramp over 10 \
-             steps: {jump:?}*clamp((t - {instant:?})/{ramp:?}, 0, 1)"
-        ))
-    }
-
-    /// Returns where steps miss most of the field less a constant, at a place (m); see
-    /// [`Field::missed`].
-    pub fn missed(&self, at: Point, less: f64, time: &Time) -> Option<Missed> {
-        match &self.value {
-            Value::Formula(field) => field.missed(at, less, time.step, time.steps()),
-            Value::Table { table, shape, .. } => {
-                let scale = shape.value(at, 0.0).ok()?;
-                table.missed(less / scale, time.step, time.steps())
-            }
-        }
-    }
-
     /// Returns bounds on the values at a place (m) between two instants (s).
     pub fn range(&self, at: Point, from: f64, to: f64) -> Interval {
         match &self.value {
@@ -305,7 +277,7 @@ impl Integrand for Vec<Still<'_>> {
 /// Region of the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Region {
-    /// Whole plate.
+    /// WholeNumber plate.
     All,
     /// Region where a condition on x and y holds.
     Where(Condition),

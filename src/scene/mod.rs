@@ -25,24 +25,30 @@
 //! ```
 
 mod attachments;
+mod column;
 mod contents;
 mod cross_checks;
+mod damping;
 mod document;
 mod effects;
+mod entry;
 mod extreme;
 mod given;
-mod keys;
+mod initial;
+mod kinds;
+mod loads;
+mod mesh;
+mod obstacles;
+mod output;
+mod place;
+mod plate;
 mod quantity;
-mod read;
-mod resolved;
-mod schema;
 mod slider;
+mod solver;
 mod study;
+mod supports;
 mod sweep;
-mod tables;
 mod time;
-mod toml_text;
-mod typed;
 mod words;
 
 pub use crate::dof_map::Support as SupportKind;
@@ -55,22 +61,28 @@ pub use crate::plate::Plate;
 pub use crate::scheme::{Massless, SchemeName, SchemeSpec};
 pub use crate::vi::ContactSolver;
 pub use attachments::{Attachments, Ball, Foundation, PointMass, Rib, RibPath, Spring};
-pub use contents::Scene;
+pub use column::{FORCE_COLUMNS, HISTORY_COLUMNS};
+pub use contents::{Scene, schema};
+pub use damping::Damping;
 use document::Document;
+use entry::{SceneText, Table};
 pub use given::{FieldInput, Region, Still, Value};
+pub use initial::{Initial, StartFrom};
+pub use loads::{Force, Load};
+pub use mesh::{Grid, MeshFile};
+pub use obstacles::{Compliance, Obstacle, SourcePosition};
+pub use output::{Output, Probe, Snapshots};
+pub use plate::{Part, PlateSpec};
 pub use quantity::{ProbeQuantity, StressComponent};
-pub use schema::schema;
 use serde::{Serialize, Serializer};
 pub use slider::Slider;
+pub use solver::Solver;
 use std::path::Path;
-pub use study::{Horizon, Study};
-pub use sweep::{SweepOrder, SweepSpec, SweptKey};
-pub use tables::{
-    Compliance, Damping, ElasticEdge, EngineName, FORCE_COLUMNS, Force, Grid, HISTORY_COLUMNS, Initial,
-    LinearSolver, Load, MeshFile, Obstacle, Output, Part, PlateSpec, Probe, Side, Snapshots, Solver,
-    SourcePosition, StartFrom, StopLaw, Support, SupportLocation,
-};
-pub use time::{Mass, Time};
+pub use study::Study;
+pub use supports::{ElasticEdge, Support, SupportLocation};
+pub use sweep::{SweepSpec, SweptKey};
+pub use time::Time;
+pub use words::{EngineName, Horizon, LinearSolver, Mass, Side, StopLaw, SweepOrder};
 
 impl Serialize for Scene {
     /// Serialises the table of [`Scene::resolved`].
@@ -91,7 +103,7 @@ impl Scene {
         let path = path.as_ref();
         let bytes = input::read(path, input::LARGEST_SCENE)?;
         let name = path.to_string_lossy();
-        read::scene(&Document::parse(&bytes, &name, overrides)?, &name, engine)
+        Scene::of(&Document::parse(&bytes, &name, overrides, engine)?)
     }
 
     /// Reads a scene from text; messages call it `file_name`.
@@ -104,19 +116,32 @@ impl Scene {
     /// Any bytes give a scene or [`crate::Error::Scene`]. A scene that names points of a mesh file
     /// can also give the errors of reading that mesh.
     pub fn from_bytes(bytes: &[u8], file_name: &str, overrides: &[String]) -> Result<Scene> {
-        read::scene(&Document::parse(bytes, file_name, overrides)?, file_name, EngineName::Native)
+        Scene::of(&Document::parse(bytes, file_name, overrides, EngineName::Native)?)
+    }
+
+    fn of(doc: &Document) -> Result<Scene> {
+        let scene = entry::read(doc, "")?;
+        cross_checks::check(doc, &scene)?;
+        Ok(scene)
+    }
+
+    /// Returns the text in TOML, with files by the path where they were found, or as written.
+    fn text(&self, found: bool) -> String {
+        let mut lines = SceneText::new(found);
+        self.write(&mut lines);
+        lines.text()
     }
 
     /// Returns the scene as TOML with every default filled in, which reads back as an equal scene.
     pub fn resolved(&self) -> String {
-        resolved::text(self, true)
+        self.text(true)
     }
 
     /// Works as [`Scene::resolved`], with file names as they were written.
     ///
     /// The text reads back as an equal scene in the folder of the scene's file.
     pub fn written(&self) -> String {
-        resolved::text(self, false)
+        self.text(false)
     }
 
     /// Returns a text that is equal for equal supports.
@@ -126,7 +151,7 @@ impl Scene {
 
     /// Returns the study of the scene, or the default one.
     pub fn study(&self) -> Study {
-        self.study.clone().unwrap_or_else(|| Study::of(&self.mesh, &self.time, &self.solver))
+        self.study.clone().unwrap_or_else(|| Study::usual(&self.mesh, &self.time, &self.solver))
     }
 
     /// Returns the columns of `history.csv` for named supports, named obstacles and named sliders,
@@ -152,9 +177,15 @@ impl Scene {
     /// Returns the FNV-1a hash of the scene and of the values in its tables, in 16 hexadecimal
     /// digits.
     ///
-    /// The hash covers [`Scene::resolved`] with file names as written, and is the same on every
-    /// machine.
+    /// The hash covers [`Scene::written`] and the state that the run starts from, and is the same
+    /// on every machine.
     pub fn hash(&self) -> String {
-        format!("{:016x}", hash::fnv1a(resolved::identity(self).into_bytes()))
+        let values = |given: &FieldInput| match &given.value {
+            Value::Table { table, .. } => format!("{table:?}\n"),
+            Value::Formula(_) => String::new(),
+        };
+        let values: String = self.of_time().map(values).collect();
+        let start = self.initial.from.as_ref().map_or(String::new(), |from| format!("{:?}\n", from.motion));
+        format!("{:016x}", hash::fnv1a((self.written() + &values + &start).into_bytes()))
     }
 }

@@ -1,6 +1,6 @@
 //! Quantities that a probe can record.
 
-use super::typed::Choice;
+use super::words::Choice;
 use crate::stress::PlateSurface;
 use PlateSurface::{Bottom, Top};
 

@@ -1,31 +1,46 @@
 //! Table `[sweep]`: the runs that `rebond sweep` makes.
 
-use crate::field::Field;
+use super::SweepOrder;
+use super::document::{Document, join, quote};
+use super::entry::{Kind, table};
+use super::given::Value;
+use super::kinds::{count, field_text, of_text, positive, string, truth, word};
+use crate::error::{Result, suggestion};
+use crate::field::{Field, Names};
 
-/// Sweep over one or two keys of a scene.
-#[derive(Debug, Clone, PartialEq)]
-pub struct SweepSpec {
-    /// Swept keys, one or two.
-    pub over: Vec<SweptKey>,
-    /// Order of the values, and whether runs carry their state on.
-    pub direction: SweepOrder,
-    /// Period of the drive in s: a number, or a formula of the parameters.
-    pub period: Field,
-    /// Periods of each run.
-    pub periods: u64,
-    /// Periods of each run before the measured ones.
-    pub settle: u64,
-    /// Distance of points of a section that counts as none, relative to the range of the motion.
-    pub tolerance: f64,
-    /// Whether the largest Lyapunov exponent is measured.
-    pub lyapunov: bool,
-}
+/// Largest number of values of a key.
+const MOST_VALUES: usize = 1_000_000;
 
-impl SweepSpec {
-    /// Returns the period of the drive, in s.
-    pub fn period(&self) -> f64 {
-        self.period.constant().unwrap_or_default()
-    }
+/// Periods of each run where the scene does not tell them.
+const PERIODS: u64 = 200;
+
+const EXPECTED: &str =
+    "expected KEY=FROM..TO:COUNT or KEY=VALUE,VALUE,..., such as \"load.pressure=90..250:161\"";
+
+table! {
+    /// Sweep over one or two keys of a scene.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct SweepSpec {
+        /// Swept keys, one or two texts `"KEY=FROM..TO:COUNT"` or `"KEY=VALUE,VALUE,..."`; KEY is
+        /// any key of the scene that takes a number, such as `plate.thickness` or
+        /// `obstacle.0.height`, or a parameter. Two keys give a map.
+        over: Vec<SweptKey> = swept().list();
+        /// `"apart"`: each run starts as the scene says; `"up"`, `"down"`, `"up_and_down"`: each
+        /// run starts where the one before ended.
+        direction: SweepOrder = word().or(SweepOrder::Apart);
+        /// Period of the drive: a number, or a formula of the parameters such as `"1/frequency"`.
+        period: Field = period();
+        /// Periods of each run.
+        periods: u64 = count("a number of periods", 1).says("of each run").or(PERIODS);
+        /// Periods of each run before the measured ones; by default half of them.
+        settle: u64 = count("a number of periods", 0).says("periods before the measured ones").or_else(half);
+        /// Distance of points of a section that count as equal, relative to the range of the
+        /// motion.
+        tolerance: f64 = positive("a distance relative to the range of the motion", "")
+            .says("of equal points, relative to the range of the motion").or(1e-3);
+        /// `true` measures the largest Lyapunov exponent too.
+        lyapunov: bool = truth().says("largest Lyapunov exponent").or_silent(false);
+    } then of_few_keys
 }
 
 /// Key of the scene with the values that it takes.
@@ -41,15 +56,101 @@ pub struct SweptKey {
     pub text: String,
 }
 
-/// Order of the values of the first key, and start of each run.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum SweepOrder {
-    /// Each run starts as the scene says.
-    Apart,
-    /// Each run starts where the run of the value before ended.
-    Up,
-    /// Each run starts where the run of the value after ended.
-    Down,
-    /// All values up, then all values down.
-    UpAndDown,
+impl SweepSpec {
+    /// Returns the period of the drive, in s.
+    pub fn period(&self) -> f64 {
+        self.period.constant().unwrap_or_default()
+    }
+}
+
+/// Returns half of the periods.
+fn half(doc: &Document) -> Result<u64> {
+    Ok(doc.figure("sweep.periods").map_or(PERIODS, |periods| periods as u64) / 2)
+}
+
+/// Refuses three keys, a key twice, and periods of which none are measured.
+fn of_few_keys(sweep: SweepSpec, doc: &Document, table: &str) -> Result<SweepSpec> {
+    let SweepSpec { over, periods, settle, .. } = &sweep;
+    if over.len() > 2 {
+        let wrong = format!("{} keys; expected one, or two for a map", over.len());
+        return Err(doc.fault(&join(table, "over"), wrong));
+    }
+    if let [one, other] = &over[..]
+        && one.key == other.key
+    {
+        let wrong = format!("{} is swept already; expected another key", one.name);
+        return Err(doc.fault(&join(table, "over.1"), wrong));
+    }
+    if settle >= periods {
+        let wrong = format!("{settle} periods leave none of {periods} to measure");
+        let wrong = format!("{wrong}; expected fewer than sweep.periods");
+        return Err(doc.fault(&join(table, "settle"), wrong));
+    }
+    Ok(sweep)
+}
+
+/// Period of the drive.
+fn period() -> Kind<Field> {
+    let kind =
+        positive("the period of the drive in s, or a formula of the parameters", "").field(Names::NONE);
+    let (expected, read, schema) = (kind.expected, kind.read, kind.schema);
+    let read = move |doc: &Document, key: &str| match read(doc, key)?.value {
+        Value::Formula(field) if field.constant().is_some_and(|period| period > 0.0) => Ok(field),
+        _ => Err(doc.fault(key, "is not positive; expected a period in s greater than 0")),
+    };
+    let write = |period: &Field, _| {
+        // A formula of the parameters stays one, since its value changes with them.
+        let text = period.to_string();
+        if text.parse::<f64>().is_ok() { field_text(period) } else { string(&text) }
+    };
+    Kind { unit: "s", ..Kind::new(expected, schema, read, write).says("s, of the drive") }
+}
+
+/// Key with its values, such as `load.pressure=90..250:161`.
+fn swept() -> Kind<SweptKey> {
+    let read = |doc: &Document, key: &str| {
+        let text = doc.text(key, EXPECTED)?;
+        let fault = |wrong: String| doc.fault(key, format!("{wrong}; {EXPECTED}"));
+        let parts = text.split_once('=');
+        let (name, values) = parts.ok_or_else(|| fault(format!("{} has no \"=\"", quote(text))))?;
+        let (name, values) = (name.trim(), values.trim());
+        let parameters = doc.parameters()?;
+        let is_parameter = parameters.get(name).is_some();
+        let swept = if is_parameter { join("parameters", name) } else { name.to_owned() };
+        let is_word = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_alphanumeric() || c == '_');
+        if !swept.contains('.') || !swept.split('.').all(is_word) {
+            let hint = suggestion(name, &parameters.names().collect::<Vec<_>>());
+            let wrong = "is neither a parameter nor a key such as load.pressure";
+            return Err(fault(format!("{} {wrong}{hint}", quote(name))));
+        }
+        let numbers = parse(values).map_err(fault)?;
+        Ok(SweptKey { name: name.to_owned(), key: swept, values: numbers, text: values.to_owned() })
+    };
+    Kind::new(EXPECTED, of_text, read, |swept: &SweptKey, _| {
+        string(&format!("{}={}", swept.name, swept.text))
+    })
+}
+
+/// Parses `FROM..TO:COUNT` or values separated by commas.
+fn parse(text: &str) -> std::result::Result<Vec<f64>, String> {
+    let number = |text: &str| match text.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err(format!("{} is not a finite number", quote(text.trim()))),
+    };
+    let Some((from, rest)) = text.split_once("..") else {
+        let values: Vec<f64> = text.split(',').map(number).collect::<std::result::Result<_, _>>()?;
+        let repeated = values.iter().enumerate().find(|(i, value)| values[..*i].contains(value));
+        return repeated.map_or(Ok(values.clone()), |(_, value)| Err(format!("{value} occurs twice")));
+    };
+    let Some((to, count)) = rest.split_once(':') else { return Err(format!("{} has no \":\"", quote(text))) };
+    let (from, to) = (number(from)?, number(to)?);
+    let count = count.trim().parse::<usize>().ok().filter(|count| (2..=MOST_VALUES).contains(count));
+    let Some(count) = count else {
+        return Err(format!("{} has no number of values from 2 to {MOST_VALUES}", quote(text)));
+    };
+    if from == to {
+        return Err(format!("{} begins and ends with the same value", quote(text)));
+    }
+    let last = (count - 1) as f64;
+    Ok((0..count).map(|i| if i + 1 == count { to } else { from + (to - from) * (i as f64 / last) }).collect())
 }

@@ -1,25 +1,75 @@
-//! Time scheme, its steps, and the mass matrix.
+//! Table `[time]`: scheme, mass matrix, step and end.
 
+use super::document::{Document, join, spell};
+use super::entry::{Kind, table, via};
+use super::given::{FieldInput, Value};
+use super::kinds::{count, positive, within, word};
+use super::{Mass, Massless, SchemeName, SchemeSpec};
+use crate::error::Result;
+use crate::field::{Break, Missed};
+use crate::mesh::Point;
 use crate::modes::ModeRange;
-use crate::scheme::{Massless, SchemeSpec};
-use serde::{Deserialize, Serialize};
+use crate::scheme::registry::{Capabilities, SchemeOptions};
 
-/// Time scheme and its steps.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Time {
-    /// Time scheme.
-    pub scheme: SchemeSpec,
-    /// Mass matrix.
-    pub mass: Mass,
-    /// Modes that carry the inertia with the modal mass; `None` for a number that suits the mesh.
-    pub modes: Option<ModeRange>,
-    /// Time step in s.
-    pub step: f64,
-    /// End time in s.
-    ///
-    /// A run makes [`Time::steps`] steps, so that its last time is the multiple of the step nearest
-    /// to `end`.
-    pub end: f64,
+/// Limit on the number of steps: all smaller integers are exact floating-point numbers.
+const TOO_MANY_STEPS: f64 = (1_u64 << 53) as f64;
+
+/// Relative distance of the end from a whole number of steps that rounding of decimals explains.
+const WHOLE: f64 = 1e-9;
+
+table! {
+    /// Time scheme and its steps.
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub struct Time {
+        /// Time scheme.
+        scheme: SchemeSpec,
+        /// Mass matrix.
+        mass: Mass,
+        /// Modes that carry the inertia with the modal mass; `None` for a number that suits the
+        /// mesh.
+        modes: Option<ModeRange> = via(chosen, method);
+        /// Time step; greater than 0.
+        step: f64 = step();
+        /// End time, a whole number of steps, with a relative tolerance of 1e-9; the error
+        /// otherwise names the two nearest steps and ends that fit. Less than 2^53 steps.
+        end: f64 = positive("an end time", "s");
+    } then stepped
+}
+
+table! {
+    /// Scheme, mass and their options, as a scene gives them.
+    struct Method {
+        /// Time scheme: `"newmark"`, `"midpoint"`, `"conserving"`, which keeps the energy at any
+        /// step, or `"exact"`.
+        scheme: SchemeName = word();
+        /// Mass matrix: `"singular"`, `"consistent"` (`newmark` and `midpoint`), or `"modal"`: the
+        /// lowest modes carry all inertia, see [schemes](schemes.md).
+        mass: Mass = word();
+        /// `"modal"`: number of modes, rigid motions included, by default 200, or a third of the
+        /// dofs; at most half of the dofs, those of compliant stops apart. They are [kept between
+        /// runs](running.md#kept-modes).
+        modes: Option<usize> = count("a number of modes", 1).says("number of modes with inertia").optional();
+        /// `"modal"`, instead of `modes`: all modes up to this frequency.
+        up_to: Option<f64> = positive("a frequency", "Hz")
+            .says("Hz, highest frequency with inertia").optional();
+        /// `newmark`: at least 0.25, and more than that with `"modal"`; by default 0.5.
+        beta: Option<f64> = within("Newmark's beta", "", &[("minimum", 0.25)]).optional();
+        /// `newmark`: the paper's e, from 0 to 1; by default 0.
+        restitution: Option<f64> = restitution().says("0 to 1").optional();
+        /// `midpoint`: `"equilibrium"` (the default for the singular mass without stiffness
+        /// damping, and only for it; the only choice with `"modal"`) or `"reflected"`.
+        massless: Option<Massless> = word().optional();
+    }
+}
+
+/// Time step.
+pub(super) fn step() -> Kind<f64> {
+    positive("a time step", "s")
+}
+
+/// Coefficient of restitution e.
+pub(super) fn restitution() -> Kind<f64> {
+    within("a restitution coefficient", "", &[("minimum", 0.0), ("maximum", 1.0)])
 }
 
 impl Time {
@@ -40,18 +90,6 @@ impl Time {
     }
 }
 
-/// Mass matrix.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Mass {
-    /// Singular mass, from velocities that are constant on each cell.
-    Singular,
-    /// Consistent mass.
-    Consistent,
-    /// Singular mass of the lowest modes of the consistent mass.
-    Modal,
-}
-
 impl Mass {
     /// Returns whether the mass leaves part of the displacement without inertia.
     pub fn is_singular(self) -> bool {
@@ -65,4 +103,142 @@ impl Mass {
             Mass::Consistent => Massless::Reflected,
         }
     }
+}
+
+impl FieldInput {
+    /// Describes the first jump at a place (m) before the end, with a remedy; `None` without one.
+    ///
+    /// The search takes at most `looks` evaluations.
+    pub fn jump(&self, at: Point, time: &Time, looks: usize) -> Option<String> {
+        let breaks = self.breaks(at, time.end, looks);
+        let Break { time: instant, jump, .. } = breaks.found.into_iter().find(|of| of.jump != 0.0)?;
+        let place = if self.is_even() { String::new() } else { format!(" at ({}, {})", at.x, at.y) };
+        let [jump, ramp] = [jump, 10.0 * time.step].map(|of| format!("{of:.5e}").parse().unwrap_or(of));
+        Some(format!(
+            "jumps by {jump:?} m at t = {instant:?} s{place}, which nothing rigid can do; expected no jump, such as a ramp over 10 \
+             steps: {jump:?}*clamp((t - {instant:?})/{ramp:?}, 0, 1)"
+        ))
+    }
+
+    /// Returns where steps miss most of the field less a constant, at a place (m); see
+    /// [`Field::missed`](crate::field::Field::missed).
+    pub fn missed(&self, at: Point, less: f64, time: &Time) -> Option<Missed> {
+        match &self.value {
+            Value::Formula(field) => field.missed(at, less, time.step, time.steps()),
+            Value::Table { table, shape, .. } => {
+                let scale = shape.value(at, 0.0).ok()?;
+                table.missed(less / scale, time.step, time.steps())
+            }
+        }
+    }
+}
+
+/// Refuses an end that is no whole number of steps, and suggests values that fit.
+fn stepped(time: Time, doc: &Document, _: &str) -> Result<Time> {
+    let Time { step, end, .. } = time;
+    let steps = end / step;
+    if end < step {
+        let wrong = format!("{end:?} is before the first step; expected at least time.step = {step:?} s");
+        return Err(doc.fault("time.end", wrong));
+    }
+    if steps >= TOO_MANY_STEPS {
+        let wrong = format!("{step:?} makes {steps:.1e} steps to {end:?} s; expected less than 2^53");
+        return Err(doc.fault("time.step", wrong));
+    }
+    if (steps - steps.round()).abs() <= WHOLE * steps {
+        return Ok(time);
+    }
+    // Twelve digits pass the check and stay short for round numbers.
+    let tidy = |value: f64| spell(format!("{value:.11e}").parse().unwrap_or(value));
+    let counts = [steps.floor(), steps.floor() + 1.0];
+    let [long, short] = counts.map(|count| tidy(end / count));
+    let [before, after] = counts.map(|count| tidy(count * step));
+    let is_of_step = doc.is_overridden("time.step") && !doc.is_overridden("time.end");
+    let key = if is_of_step { "time.step" } else { "time.end" };
+    let wrong = format!("{end:?} s is no whole number of steps of {step:?} s, but {steps:.6} of them");
+    let expected = format!("expected time.step = {long} or {short}, or time.end = {before} or {after}");
+    Err(doc.fault(key, format!("{wrong}; {expected}")))
+}
+
+/// Returns the scheme with its options, the mass, and the modes that carry inertia.
+fn chosen(method: Method, doc: &Document, table: &str) -> Result<(SchemeSpec, Mass, Option<ModeRange>)> {
+    let Method { scheme: name, mass, .. } = method;
+    let Capabilities { options, needs_singular_mass, .. } = name.capabilities();
+    for other in SchemeName::ALL.into_iter().filter(|other| *other != name) {
+        for key in other.capabilities().options {
+            let wrong = format!("contradicts time.scheme = \"{name}\"; expected only with \"{other}\"");
+            doc.forbid_with("time.scheme", &join(table, key), wrong)?;
+        }
+    }
+    let is_midpoint = options.contains(&"massless");
+    let scheme = name.with(SchemeOptions {
+        beta: method.beta.unwrap_or(0.5),
+        restitution: method.restitution.unwrap_or(0.0),
+        massless: if is_midpoint { massless(doc, &method)? } else { Massless::Reflected },
+    });
+    if let Some(why) = needs_singular_mass
+        && mass == Mass::Consistent
+    {
+        let wrong = format!("\"consistent\" contradicts time.scheme = \"{name}\": {why}");
+        let expected = "expected \"singular\" or \"modal\", or time.scheme = \"newmark\"";
+        return Err(doc.fault("time.mass", format!("{wrong}; {expected}")));
+    }
+    Ok((scheme, mass, modes(doc, &method)?))
+}
+
+fn method((scheme, mass, modes): &(SchemeSpec, Mass, Option<ModeRange>)) -> Method {
+    let (beta, restitution, massless) = match *scheme {
+        SchemeSpec::Newmark { beta, restitution } => (Some(beta), Some(restitution), None),
+        SchemeSpec::Midpoint { massless } => (None, None, Some(massless)),
+        SchemeSpec::Conserving | SchemeSpec::Exact => (None, None, None),
+    };
+    let (modes, up_to) = match *modes {
+        Some(ModeRange::Count(count)) => (Some(count), None),
+        Some(ModeRange::UpTo(highest)) => (None, Some(highest)),
+        None => (None, None),
+    };
+    Method { scheme: scheme.name(), mass: *mass, modes, up_to, beta, restitution, massless }
+}
+
+/// Returns which modes carry the inertia, by number or by frequency; keys of the modal mass only.
+fn modes(doc: &Document, method: &Method) -> Result<Option<ModeRange>> {
+    let is_modal = method.mass == Mass::Modal;
+    for key in ["time.modes", "time.up_to"].into_iter().filter(|_| !is_modal) {
+        doc.forbid_with("time.mass", key, "contradicts time.mass; expected only with \"modal\"")?;
+    }
+    if doc.get("time.modes").is_some() {
+        doc.forbid_with("time.modes", "time.up_to", "contradicts time.modes; expected one of them")?;
+    }
+    Ok(method.up_to.map(ModeRange::UpTo).or(method.modes.map(ModeRange::Count)))
+}
+
+/// Returns the treatment of the massless part, whose default depends on mass and damping.
+fn massless(doc: &Document, method: &Method) -> Result<Massless> {
+    if method.mass == Mass::Modal {
+        if method.massless == Some(Massless::Reflected) {
+            let wrong =
+                "\"reflected\" contradicts time.mass = \"modal\", whose massless rest is in equilibrium";
+            return Err(doc.fault("time.massless", format!("{wrong}; expected \"equilibrium\"")));
+        }
+        return Ok(Massless::Equilibrium);
+    }
+    let is_positive = |key: &str| doc.figure(key).is_some_and(|damping| damping > 0.0);
+    let has_dashpot = |table: &str| {
+        let number = doc.entries(table, "").unwrap_or(0);
+        (0..number).any(|index| is_positive(&format!("{table}.{index}.damping")))
+    };
+    let has_dashpots = has_dashpot("obstacle") || has_dashpot("ball");
+    let is_damped = has_dashpots || is_positive("damping.stiffness");
+    let usual = if is_damped { Massless::Reflected } else { method.mass.massless() };
+    let massless = method.massless.unwrap_or(usual);
+    if (usual, massless) == (Massless::Reflected, Massless::Equilibrium) {
+        let why = match method.mass {
+            Mass::Consistent => "time.mass = \"consistent\", which leaves nothing massless",
+            _ if has_dashpots => "the damping of a stop, under which the massless part is in no equilibrium",
+            _ => "damping.stiffness, under which the massless part is in no equilibrium",
+        };
+        let wrong = format!("\"equilibrium\" contradicts {why}; expected \"reflected\"");
+        return Err(doc.fault("time.massless", wrong));
+    }
+    Ok(massless)
 }

@@ -1,66 +1,133 @@
 //! Words by which a scene names the variants of every enum.
 
-use super::typed::Choice;
-use super::{
-    ContactSolver, Diagonal, ElementKind, EngineName, Horizon, LinearSolver, Mass, Massless, SchemeName,
-    Side, StopLaw, SupportKind, SweepOrder,
-};
+use super::{ContactSolver, Diagonal, ElementKind, Massless, SchemeName, SupportKind};
 use crate::field::Interpolation;
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
-impl Choice for Diagonal {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("right", Self::Right), ("left", Self::Left), ("alternating", Self::Alternating)];
+/// Enum whose variants have names in a scene.
+pub(super) trait Choice: Copy + PartialEq + 'static {
+    /// All variants with their words.
+    const WORDS: &'static [(&'static str, Self)];
+
+    /// Returns the word of this variant.
+    fn word(self) -> &'static str {
+        Self::WORDS.iter().find(|(_, case)| *case == self).map_or("", |(word, _)| word)
+    }
 }
 
-impl Choice for Interpolation {
-    const WORDS: &'static [(&'static str, Self)] = &[("linear", Self::Linear), ("spline", Self::Spline)];
+/// Gives the variants of enums from elsewhere their words.
+macro_rules! choice {
+    ($($name:ty { $($case:ident = $word:literal),+ })+) => {$(
+        impl Choice for $name {
+            const WORDS: &'static [(&'static str, Self)] = &[$(($word, Self::$case)),+];
+        }
+    )+};
 }
 
-impl Choice for SupportKind {
-    const WORDS: &'static [(&'static str, Self)] = &[
-        ("clamped", Self::Clamped),
-        ("simply_supported", Self::SimplySupported),
-        ("guided", Self::Guided),
-        ("elastic", Self::Elastic),
-    ];
+/// Implements `Display` with the words of a scene.
+macro_rules! shown_as_words {
+    ($($name:ty),+) => {$(
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+                f.write_str(self.word())
+            }
+        }
+    )+};
 }
 
-impl Choice for Side {
-    const WORDS: &'static [(&'static str, Self)] = &[("below", Self::Below), ("above", Self::Above)];
+/// Declares enums whose variants have words, also where serde writes them.
+macro_rules! words {
+    ($($(#[$meta:meta])* pub enum $name:ident {
+        $($(#[$case_meta:meta])* $case:ident = $word:literal,)+
+    })+) => {
+        $($(#[$meta])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)] pub enum $name { $($(#[$case_meta])* #[serde(rename = $word)] $case,)+ })+
+        choice! { $($name { $($case = $word),+ })+ }
+        shown_as_words!($($name),+);
+    };
 }
 
-impl Choice for StopLaw {
-    const WORDS: &'static [(&'static str, Self)] = &[("linear", Self::Linear), ("hertz", Self::Hertz)];
+words! {
+    /// Side of the plate.
+    pub enum Side {
+        /// Below the plate: the deflection stays above the obstacle's height.
+        Below = "below",
+        /// Above the plate: the deflection stays under the obstacle's height.
+        Above = "above",
+    }
+
+    /// Law by which the force of a compliant stop depends on its depth d.
+    pub enum StopLaw {
+        /// Spring and dashpot, `$k d + c \dot d$`, which join a massless tip to the plate.
+        Linear = "linear",
+        /// Contact of two elastic bodies with curved surfaces, `$k d^{3/2}$` (Hertz 1881).
+        Hertz = "hertz",
+    }
+
+    /// Mass matrix.
+    pub enum Mass {
+        /// Singular mass, from velocities that are constant on each cell.
+        Singular = "singular",
+        /// Consistent mass.
+        Consistent = "consistent",
+        /// Singular mass of the lowest modes of the consistent mass.
+        Modal = "modal",
+    }
+
+    /// Linear algebra engine; a build without it refuses it later, not the scene.
+    pub enum EngineName {
+        /// Engine in Rust alone, on one process.
+        Native = "native",
+        /// Engine of PETSc, on any number of ranks.
+        Petsc = "petsc",
+    }
+
+    /// Solver of the linear systems on PETSc; the native engine factors them.
+    pub enum LinearSolver {
+        /// Factorisation, or multigrid where the factors would not fit into memory.
+        Auto = "auto",
+        /// Factorisation.
+        Direct = "direct",
+        /// Conjugate gradients with geometric multigrid.
+        Multigrid = "multigrid",
+    }
+
+    /// Part of a run that determines its rank.
+    #[derive(Default)]
+    pub enum Horizon {
+        /// Free motion up to the first impact.
+        FirstImpact = "first_impact",
+        /// Motion up to the second impact, which includes the effect of the first.
+        SecondImpact = "second_impact",
+        /// WholeNumber run.
+        #[default]
+        End = "end",
+    }
+
+    /// Order of the values of the first key of a sweep, and start of each run.
+    pub enum SweepOrder {
+        /// Each run starts as the scene says.
+        Apart = "apart",
+        /// Each run starts where the run of the value before ended.
+        Up = "up",
+        /// Each run starts where the run of the value after ended.
+        Down = "down",
+        /// All values up, then all values down.
+        UpAndDown = "up_and_down",
+    }
 }
 
-impl Choice for Mass {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("singular", Self::Singular), ("consistent", Self::Consistent), ("modal", Self::Modal)];
-}
-
-impl Choice for Massless {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("equilibrium", Self::Equilibrium), ("reflected", Self::Reflected)];
-}
-
-impl Choice for EngineName {
-    const WORDS: &'static [(&'static str, Self)] = &[("native", Self::Native), ("petsc", Self::Petsc)];
-}
-
-impl Choice for LinearSolver {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("auto", Self::Auto), ("direct", Self::Direct), ("multigrid", Self::Multigrid)];
-}
-
-impl Choice for Horizon {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("first_impact", Self::FirstImpact), ("second_impact", Self::SecondImpact), ("end", Self::End)];
-}
-
-impl Choice for SweepOrder {
-    const WORDS: &'static [(&'static str, Self)] =
-        &[("apart", Self::Apart), ("up", Self::Up), ("down", Self::Down), ("up_and_down", Self::UpAndDown)];
+choice! {
+    Diagonal { Right = "right", Left = "left", Alternating = "alternating" }
+    Interpolation { Linear = "linear", Spline = "spline" }
+    SupportKind {
+        Clamped = "clamped",
+        SimplySupported = "simply_supported",
+        Guided = "guided",
+        Elastic = "elastic"
+    }
+    Massless { Equilibrium = "equilibrium", Reflected = "reflected" }
 }
 
 /// Implements `Choice` with the names of a registry.
@@ -85,15 +152,4 @@ named_by_registry!(ElementKind, element => element.name());
 named_by_registry!(SchemeName, scheme => scheme.capabilities().name);
 named_by_registry!(ContactSolver, solver => solver.name());
 
-/// Implements `Display` with the words of a scene.
-macro_rules! shown_as_words {
-    ($($name:ty),*) => {
-        $(impl fmt::Display for $name {
-            fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-                f.write_str(self.word())
-            }
-        })*
-    };
-}
-
-shown_as_words!(ElementKind, SchemeName, Mass, EngineName, LinearSolver, ContactSolver, SweepOrder);
+shown_as_words!(ElementKind, SchemeName, ContactSolver);

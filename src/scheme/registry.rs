@@ -119,9 +119,6 @@ impl SchemeName {
     pub const ALL: [SchemeName; 4] =
         [SchemeName::Newmark, SchemeName::Midpoint, SchemeName::Conserving, SchemeName::Exact];
 
-    /// Names of all schemes, as a comment in a scene lists them.
-    pub const LIST: &str = "newmark | midpoint | conserving | exact";
-
     /// Returns the row of the scheme in the registry.
     pub const fn capabilities(self) -> &'static Capabilities {
         match self {
@@ -182,15 +179,6 @@ pub enum SchemeSpec {
     Exact,
 }
 
-/// Value of an option.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum OptionValue {
-    /// Number without unit.
-    Number(f64),
-    /// Treatment of the massless part of the displacement.
-    Massless(Massless),
-}
-
 /// Promise of a scheme about the energy of a plate without damping.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum EnergyPromise {
@@ -216,20 +204,6 @@ impl SchemeSpec {
     /// Returns the row of the scheme in the registry.
     pub fn capabilities(self) -> &'static Capabilities {
         self.name().capabilities()
-    }
-
-    /// Returns the scheme's options, each with its key, its value and the values it may have.
-    pub fn options(self) -> Vec<(&'static str, OptionValue, &'static str)> {
-        use OptionValue::{Massless, Number};
-        match self {
-            SchemeSpec::Newmark { beta, restitution } => {
-                vec![("beta", Number(beta), ""), ("restitution", Number(restitution), "0 to 1")]
-            }
-            SchemeSpec::Midpoint { massless } => {
-                vec![("massless", Massless(massless), "equilibrium | reflected")]
-            }
-            SchemeSpec::Conserving | SchemeSpec::Exact => Vec::new(),
-        }
     }
 
     /// Returns the coefficient of restitution e; `None` where impacts follow no such law.

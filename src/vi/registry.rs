@@ -30,9 +30,6 @@ impl ContactSolver {
     /// All contact solvers.
     pub const ALL: [ContactSolver; 3] = [ContactSolver::Condensed, ContactSolver::Snes, ContactSolver::Tao];
 
-    /// Names of all contact solvers, as a comment in a scene lists them.
-    pub const LIST: &str = "condensed | snes | tao";
-
     /// Returns the name in a scene.
     pub const fn name(self) -> &'static str {
         match self {

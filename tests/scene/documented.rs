@@ -1,10 +1,10 @@
-//! The examples of `docs/scenes.md` are valid scenes, and the page lists the keys that the reader
-//! knows.
+//! The examples of `docs/scenes.md` are valid scenes, and the page has a row for each key.
 
 use crate::common::models::{CLAMPED, PAPER_PLATE};
 use crate::common::scenes;
-use rebond::scene::Scene;
+use rebond::scene::{Scene, schema};
 use rebond::simulation::Model;
+use serde_json::Value;
 
 const PAGE: &str = include_str!("../../docs/scenes.md");
 
@@ -42,34 +42,58 @@ fn every_example_runs() {
     }
 }
 
-/// Every table and key that the reader lists in its error for an unknown one is in the document.
+/// Returns the rows of the page for the keys of a table.
+fn rows(schema: &Value) -> String {
+    let names = |list: &Value| -> Vec<String> {
+        list.as_array().into_iter().flatten().map(|name| format!("`{}`", name.as_str().unwrap())).collect()
+    };
+    let needed = names(&schema["required"]);
+    let choices: Vec<Vec<String>> =
+        schema["oneOf"].as_array().into_iter().flatten().map(|choice| names(&choice["required"])).collect();
+    let row = |(key, schema): (&String, &Value)| {
+        let key = format!("`{key}`");
+        let description = schema["description"].as_str().unwrap();
+        let split = description.strip_prefix('[').and_then(|rest| rest.split_once("] "));
+        let (head, help) = split.unwrap_or(("", description));
+        let (unit, default) = head.split_once("default ").unwrap_or((head, ""));
+        let others: Vec<String> =
+            choices.iter().filter(|choice| !choice.contains(&key)).flatten().cloned().collect();
+        let default = match (needed.contains(&key), others.len() < choices.concat().len()) {
+            (true, _) => "needed".to_owned(),
+            (_, true) => format!("needed, or {}", others.join(" or ")),
+            _ if default.is_empty() => String::new(),
+            _ => format!("`{default}`"),
+        };
+        format!("| {key} | {} | {default} | {help} |\n", unit.trim_end_matches("; "))
+    };
+    schema["properties"].as_object().unwrap().iter().map(row).collect()
+}
+
+/// Returns the name and the schema of each table within a table.
+fn tables(schema: &Value) -> Vec<(String, &Value)> {
+    let mut tables = Vec::new();
+    for (key, of) in schema["properties"].as_object().unwrap() {
+        for table in [of, &of["items"], &of["anyOf"][1]].into_iter().filter(|of| of["properties"].is_object())
+        {
+            tables.push((key.clone(), table));
+            tables.extend(self::tables(table));
+        }
+    }
+    tables
+}
+
+/// The page has the row of every key of every table, as its schema tells unit, default and meaning.
 #[test]
 fn every_key_is_documented() {
-    let base = [PAPER_PLATE, MESH, TIME].concat();
-    let wrong = "nonsense";
-    let list = |text: &str| {
-        let error = scenes::read(text).unwrap_err().to_string();
-        let keys = error.split("expected one of ").nth(1).unwrap_or_else(|| panic!("{error}"));
-        let keys = keys.split(" (did").next().unwrap().trim_end_matches('.');
-        keys.split(", ").map(str::to_owned).collect::<Vec<_>>()
-    };
-    let tables = list(&format!("{wrong} = 1\n{base}"));
-    assert!(tables.len() >= 17);
-    for table in &tables {
-        let said = [format!("`{table}`"), format!("`[{table}]`"), format!("`[[{table}]]`")];
-        assert!(said.iter().any(|said| PAGE.contains(said)), "{table}");
-        // Parameters have names of their own.
-        if table == "title" || table == "parameters" {
-            continue;
-        }
-        let of_many = ["part", "support", "obstacle", "foundation", "spring", "mass", "rib", "ball"]
-            .contains(&&**table);
-        let key = if of_many { format!("{table}.0.{wrong}=1") } else { format!("{table}.{wrong}=1") };
-        let error = Scene::from_str(&base, "a.toml", &[key]).unwrap_err().to_string();
-        let keys = error.split("expected one of ").nth(1).unwrap_or_else(|| panic!("{error}"));
-        for key in keys.split(" (did").next().unwrap().split(", ") {
-            let said = [format!("`{key}`"), format!("[[{table}.{key}]]")];
-            assert!(said.iter().any(|said| PAGE.contains(said)), "{table}.{key}");
-        }
+    let schema = schema();
+    let tables = tables(&schema);
+    assert!(tables.len() >= 20, "{}", tables.len());
+    for (name, table) in tables {
+        let rows = rows(table);
+        assert!(PAGE.contains(&rows), "docs/scenes.md lacks these rows of {name}:\n{rows}");
+    }
+    for name in schema["properties"].as_object().unwrap().keys() {
+        let said = [format!("`{name}`"), format!("`[{name}]`"), format!("`[[{name}]]`")];
+        assert!(said.iter().any(|said| PAGE.contains(said)), "{name}");
     }
 }

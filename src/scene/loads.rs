@@ -1,0 +1,53 @@
+//! Table `[load]`: pressure, gravity and point forces.
+
+use super::document::Document;
+use super::entry::{table, tables};
+use super::given::FieldInput;
+use super::kinds::number;
+use super::place::place;
+use crate::error::Result;
+use crate::field::Names;
+
+table! {
+    /// Loads on the plate.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Load {
+        /// Upward pressure, a field of x, y, t; by default 0, but needed if no other key is given.
+        pressure: FieldInput =
+            number("a pressure", "Pa").field(Names::XYT).says("Pa, upward").or_else(no_pressure);
+        /// Gravitational acceleration; it acts downwards on the plate, on the masses on it, and on
+        /// balls.
+        gravity: f64 = number("an acceleration", "m/s2, downward").or(0.0);
+        /// Point forces.
+        forces: Vec<Force> = tables("force", "at and value");
+    }
+}
+
+table! {
+    /// Point force.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Force {
+        /// Coordinates in m.
+        at: [f64; 2],
+        /// Physical point that names the place, if the scene uses one.
+        point: Option<String> = place();
+        /// Upward force, a field of t.
+        value: FieldInput = number("a force", "N").field(Names::T).says("N, upward");
+    }
+}
+
+/// Returns a pressure of 0, beside another load.
+fn no_pressure(doc: &Document) -> Result<FieldInput> {
+    let key = "load.pressure";
+    if doc.get("load.gravity").is_none() && doc.entries("load.force", "")? == 0 {
+        return Err(doc.missing(key, "expected a pressure in Pa"));
+    }
+    Ok(FieldInput::constant(key, 0.0))
+}
+
+impl Load {
+    /// Returns all fields of the load.
+    pub fn fields(&self) -> impl Iterator<Item = &FieldInput> {
+        std::iter::once(&self.pressure).chain(self.forces.iter().map(|force| &force.value))
+    }
+}
