@@ -5,11 +5,11 @@
 //! a compliance of its own, or a constant force. Each law is a file of its own behind
 //! [`ContactLaw`]; solvers and schemes know the trait only.
 
+mod dry_friction;
 mod hertz;
-mod slider;
 
+pub use dry_friction::DryFriction;
 pub use hertz::Hertz;
-pub use slider::Slider;
 
 use std::fmt::Debug;
 use std::sync::Arc;

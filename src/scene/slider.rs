@@ -4,7 +4,7 @@ use super::column::column;
 use super::entry::table;
 use super::kinds::positive;
 use super::place::place;
-use crate::contact_law;
+use crate::contact_law::DryFriction;
 
 table! {
     /// Dry friction of a given normal force at a node, behind a spring or directly.
@@ -26,7 +26,7 @@ table! {
 
 impl Slider {
     /// Returns its law.
-    pub fn law(&self) -> contact_law::Slider {
-        contact_law::Slider { force: self.force, stiffness: self.stiffness.unwrap_or(f64::INFINITY) }
+    pub fn law(&self) -> DryFriction {
+        DryFriction { force: self.force, stiffness: self.stiffness.unwrap_or(f64::INFINITY) }
     }
 }

@@ -4,7 +4,7 @@
 //! store loads and bounds at the instants of one step only: two for the midpoint rule, three for
 //! Newmark.
 
-use super::sliding::Slider;
+use super::sliding::BoundSlider;
 use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -155,7 +155,7 @@ pub struct TimeDependence {
     /// Damping of compliant stops, in N s/m: what it adds to Rayleigh's damping of their springs.
     pub dashpots: Option<Form>,
     /// Dry friction at bounded dofs of this rank; `None` where no rank has any.
-    pub sliders: Option<Vec<Slider>>,
+    pub sliders: Option<Vec<BoundSlider>>,
 }
 
 /// Motion of supports, and the quasi-static shape that it gives the plate per metre.

@@ -51,7 +51,7 @@ pub use midpoint::{Massless, Midpoint};
 pub use modal::ModalScheme;
 pub use newmark::{Newmark, NewmarkParameters};
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};
-pub use sliding::{Friction, Slider};
+pub use sliding::{BoundSlider, Friction};
 
 use crate::archive::{Archive, Numbers, VectorKind};
 use crate::communicator::Communicator;

@@ -1,6 +1,6 @@
 //! Sliders: dry friction of given normal forces, with memory of where each has slipped to.
 //!
-//! A slider resists the motion of its dof by the law of [`Slider`](crate::contact_law::Slider)
+//! A slider resists the motion of its dof by the law of [dry friction](crate::contact_law::DryFriction)
 //! about an anchor `$a^n$`, in the bounded configuration of the step: `$U^{n+1}$` for Newmark with
 //! e = 0, `$U^{n+1/2}$` for the midpoint rule. With the force r of the step and the stiffness k of
 //! its spring, the anchor there is `$a = U + r / k$`, and over the whole step it moves by
@@ -18,9 +18,9 @@ use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::obstacle::Bounds;
 
-/// Slider at a bounded dof of this rank, whose bounds are infinite but in the steps.
+/// BoundSlider at a bounded dof of this rank, whose bounds are infinite but in the steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slider {
+pub struct BoundSlider {
     /// Number of the slider in the scene.
     pub number: usize,
     /// Index of its bound.
@@ -55,7 +55,7 @@ struct Memory {
 
 /// Sliders of this rank with their memories.
 pub(super) struct Sliding {
-    sliders: Vec<Slider>,
+    sliders: Vec<BoundSlider>,
     memories: Vec<Memory>,
     /// Way of the anchors over a step, in multiples of their way to the bounded configuration.
     extent: f64,
@@ -64,15 +64,15 @@ pub(super) struct Sliding {
 impl Sliding {
     /// Creates relaxed sliders, anchored at displacements (m), for a scheme whose steps end at a
     /// multiple `extent` of the way to the bounded configuration.
-    pub fn new(sliders: &[Slider], bounds: &Bounds, u: &[f64], extent: f64) -> Sliding {
-        let memory = |of: &Slider| Memory { anchor: u[bounds.dofs[of.bound]], ..Memory::default() };
+    pub fn new(sliders: &[BoundSlider], bounds: &Bounds, u: &[f64], extent: f64) -> Sliding {
+        let memory = |of: &BoundSlider| Memory { anchor: u[bounds.dofs[of.bound]], ..Memory::default() };
         Sliding { memories: sliders.iter().map(memory).collect(), sliders: sliders.to_vec(), extent }
     }
 
     /// Sets the bounds of the sliders to their anchors, relative to the known part u of the bounded
     /// configuration u + c x.
     pub fn bound(&self, bounds: &mut Bounds, u: impl Fn(usize) -> f64, c: f64) {
-        for (Slider { bound, .. }, memory) in self.sliders.iter().zip(&self.memories) {
+        for (BoundSlider { bound, .. }, memory) in self.sliders.iter().zip(&self.memories) {
             let place = (memory.anchor - u(bounds.dofs[*bound])) / c;
             (bounds.lower[*bound], bounds.upper[*bound]) = (place, place);
         }
@@ -87,7 +87,7 @@ impl Sliding {
         configuration: impl Fn(usize) -> f64,
         before: impl Fn(usize) -> f64,
     ) {
-        for (&Slider { bound, stiffness, .. }, memory) in self.sliders.iter().zip(&mut self.memories) {
+        for (&BoundSlider { bound, stiffness, .. }, memory) in self.sliders.iter().zip(&mut self.memories) {
             let (dof, force) = (bounds.dofs[bound], std::mem::take(&mut reaction[bound]));
             let place = configuration(dof);
             let way = self.extent * (place + force / stiffness - memory.anchor);
@@ -108,7 +108,7 @@ impl Sliding {
     /// Returns forces and energies at an instant that lies `ago` (0 or 1) steps before the last
     /// step's end.
     pub fn friction(&self, ago: usize) -> Vec<Friction> {
-        let friction = |(of, memory): (&Slider, &Memory)| Friction {
+        let friction = |(of, memory): (&BoundSlider, &Memory)| Friction {
             number: of.number,
             force: memory.force,
             dissipated: memory.dissipated[ago],

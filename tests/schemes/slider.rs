@@ -8,11 +8,12 @@
 use crate::common::block;
 use crate::common::models::{CLAMPED, PAPER_PLATE};
 use crate::common::scenes::{grid, run, same};
-use rebond::contact_law::{self, Laws};
+use rebond::contact_law::{DryFriction, Laws};
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
-    Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Slider, Start, System, TimeDependence,
+    BoundSlider, Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+    TimeDependence,
 };
 use std::f64::consts::PI;
 use std::sync::Arc;
@@ -30,8 +31,8 @@ fn system(stiffness: f64) -> System<Native> {
     let form = |value: f64| engine.form(vec![block(&[Some(0)], &[value], 0)]);
     let (spring, mass) = (form(SPRING), form(MASS));
     let mut bounds = Bounds::uniform(vec![0], f64::NEG_INFINITY, f64::INFINITY);
-    bounds.laws = Laws::new(vec![Arc::new(contact_law::Slider { force: FORCE, stiffness })], vec![[0, 0]]);
-    let sliders = Some(vec![Slider { number: 0, bound: 0, stiffness }]);
+    bounds.laws = Laws::new(vec![Arc::new(DryFriction { force: FORCE, stiffness })], vec![[0, 0]]);
+    let sliders = Some(vec![BoundSlider { number: 0, bound: 0, stiffness }]);
     System {
         engine,
         stiffness: spring,

@@ -57,11 +57,11 @@ pub(super) fn bounded<P: Partition>(
     ground: &BuildContext<P>,
     sliders: &[SliderDof],
     bounded: &[DeflectionDof],
-) -> Option<Vec<scheme::Slider>> {
+) -> Option<Vec<scheme::BoundSlider>> {
     let given = &ground.scene.sliders;
     let slider = |&SliderDof { number, dof }: &SliderDof| {
         let bound = bounded.binary_search_by_key(&dof, |site| site.dof).ok()?;
-        Some(scheme::Slider { number, bound, stiffness: given[number].law().stiffness })
+        Some(scheme::BoundSlider { number, bound, stiffness: given[number].law().stiffness })
     };
     (!given.is_empty()).then(|| sliders.iter().filter_map(slider).collect())
 }

@@ -10,16 +10,16 @@
 
 use super::{ContactLaw, Tangent};
 
-/// Law of a slider.
+/// Law of dry friction behind a spring.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Slider {
+pub struct DryFriction {
     /// Force F at which it slips, in N.
     pub force: f64,
     /// Stiffness k of its spring, in N/m; infinite without one.
     pub stiffness: f64,
 }
 
-impl ContactLaw for Slider {
+impl ContactLaw for DryFriction {
     fn force(&self, depth: f64) -> f64 {
         if depth > 0.0 { (self.stiffness * depth).min(self.force) } else { 0.0 }
     }
@@ -36,7 +36,7 @@ impl ContactLaw for Slider {
     /// Without a spring, x is held while it takes no more than F to hold it, and once it has come
     /// back from a slip.
     fn linearised(&self, depth: f64, force: f64) -> Tangent {
-        let Slider { force: most, stiffness } = *self;
+        let DryFriction { force: most, stiffness } = *self;
         if stiffness.is_infinite() && depth <= 0.0 && force > 0.0 {
             let is_held = depth < 0.0 || force <= most;
             return Tangent { force: most, stiffness: if is_held { f64::INFINITY } else { 0.0 } };
