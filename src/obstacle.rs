@@ -146,11 +146,17 @@ impl Bounds {
 
     /// Returns the largest violation of a rigid bound by x, in m; 0 inside.
     pub fn violation(&self, x: &[f64]) -> f64 {
+        self.worst(x).map_or(0.0, |(_, violation)| violation.max(0.0))
+    }
+
+    /// Returns the index of the rigid bound that x violates most and the violation, in m, which is
+    /// negative inside; `None` without bounds.
+    pub fn worst(&self, x: &[f64]) -> Option<(usize, f64)> {
         let beyond = |(i, &dof): (usize, &usize)| {
             let [lower, upper] = self.rigid(i);
-            (lower - x[dof]).max(x[dof] - upper)
+            (i, (lower - x[dof]).max(x[dof] - upper))
         };
-        self.dofs.iter().enumerate().map(beyond).fold(0.0, f64::max)
+        self.dofs.iter().enumerate().map(beyond).max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// Returns whether x lies beyond any bound, rigid or not.

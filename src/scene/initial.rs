@@ -33,6 +33,18 @@ table! {
     } then alone omit gone
 }
 
+impl Initial {
+    /// Returns the key that gives the initial deflection.
+    pub fn key(&self) -> &str {
+        match self {
+            Initial { from: Some(_), .. } => "initial.from",
+            Initial { equilibrium: true, .. } => "initial.equilibrium",
+            Initial { static_pressure, .. } if !static_pressure.is_zero() => &static_pressure.key,
+            Initial { deflection, .. } => &deflection.key,
+        }
+    }
+}
+
 /// Last state of another run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct StartFrom {

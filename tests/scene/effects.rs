@@ -476,8 +476,8 @@ fn errors_name_the_key() {
             "initial.deflection: a slope of 0.1 at (0, 0), where a support holds the plate at 0",
         ),
         (
-            "support = [{ edge = \"left\", kind = \"clamped\" }]\ninitial.deflection = \"-x^2\"\nobstacle = [{ side = \"below\", height = -0.5 }]",
-            "initial: the plate starts 5.000e-1 m beyond an obstacle",
+            "support = [{ edge = \"left\", kind = \"clamped\" }]\ninitial.deflection = \"-x^2*(1 - y/4)\"\nobstacle = [{ side = \"below\", height = -0.5 }]",
+            "initial.deflection: at (1, 0) the plate starts 5.000e-1 m beyond obstacle.0.height; expected",
         ),
         (
             "support = [{ edge = \"left\", kind = \"simply_supported\", motion = \"t\" }, { edge = \"left\", where = \"y < 0.3\", kind = \"simply_supported\" }]",

@@ -88,6 +88,33 @@ pub(super) fn opposites<'o>(
     })
 }
 
+/// Returns the key of the height that bounds a deflection from a side: that of the nearest obstacle
+/// at the first instant, with its name, or that of a ball.
+pub(super) fn bounding<P: Partition>(
+    ground: &BuildContext<P>,
+    opposite: &[Vec<usize>],
+    site: &DeflectionDof,
+    side: Side,
+) -> Result<String> {
+    if let Some(ball) = site.node.checked_sub(ground.mesh.nodes.len()) {
+        return Ok(format!("ball.{ball}.height"));
+    }
+    let sign = if side == Side::Below { 1.0 } else { -1.0 };
+    let mut nearest: Option<(f64, &scene::Obstacle)> = None;
+    for (obstacle, dofs) in ground.scene.obstacles.iter().zip(opposite) {
+        if obstacle.side == side && dofs.contains(&site.dof) {
+            let height = sign * obstacle.height.at(site.at.into(), 0.0)?;
+            if nearest.is_none_or(|(other, _)| height > other) {
+                nearest = Some((height, obstacle));
+            }
+        }
+    }
+    Ok(nearest.map_or_else(String::new, |(_, obstacle)| match &obstacle.name {
+        Some(name) => format!("{} of \"{name}\"", obstacle.height.key),
+        None => obstacle.height.key.clone(),
+    }))
+}
+
 /// Bounds from the obstacles at the bounded dofs of this process.
 pub(super) struct Heights<C: Communicator> {
     /// Bounds from fixed obstacles, and 0 at the gaps of balls.

@@ -172,7 +172,8 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
 
     // The start.
     let clock = Instant::now();
-    let (start, doubt) = start::start(ground, &system, mechanism, &lifts, &places)?;
+    let faced = (&*opposite, &sites[..bounded]);
+    let (start, doubt) = start::start(ground, &system, mechanism, &lifts, &places, faced)?;
     warnings.extend(doubt);
     let seconds = clock.elapsed().as_secs_f64();
 

@@ -3,6 +3,7 @@
 use super::bearing;
 use super::contributions::Body;
 use super::ground::BuildContext;
+use super::heights;
 use super::motion::Lift;
 use super::of_cells::OfCells;
 use crate::communicator::Communicator;
@@ -12,8 +13,9 @@ use crate::linalg::vectors::{add, axpy};
 use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
+use crate::scene::Side;
 use crate::scheme::{Start, System};
-use crate::simulation::DofCoordinates;
+use crate::simulation::{DeflectionDof, DofCoordinates};
 
 /// Tolerance, relative to the deflection, for a start within the obstacles and on the supports.
 const BEYOND: f64 = 1e-9;
@@ -23,7 +25,7 @@ impl<P: Partition> BuildContext<'_, P> {
     fn at_rest<E: OfCells>(&self, system: &System<E>, mechanism: Option<&'static str>) -> Result<Vec<f64>> {
         let BuildContext { scene, partition, .. } = self;
         let initial = &scene.initial;
-        let key = if initial.equilibrium { "initial.equilibrium" } else { "initial.static_pressure" };
+        let key = initial.key();
         if let (Some(motion), true) = (mechanism, scene.obstacles.is_empty()) {
             return Err(Error::Singular(format!(
                 "{key}: the plate has no equilibrium, for its supports leave it a mechanism: {motion}"
@@ -81,6 +83,7 @@ pub(super) fn start<E: OfCells, P: Partition>(
     mechanism: Option<&'static str>,
     lifts: &[Lift],
     places: &DofCoordinates,
+    (opposite, sites): (&[Vec<usize>], &[DeflectionDof]),
 ) -> Result<(Start, Option<String>)> {
     let BuildContext { scene, space, .. } = *ground;
     let comm = ground.comm();
@@ -134,9 +137,20 @@ pub(super) fn start<E: OfCells, P: Partition>(
     let violation = comm.all_reduce_max(system.bounds.violation(&displacement));
     let largest = displacement.iter().fold(system.bounds.magnitude(), |m, u| m.max(u.abs()));
     if violation > BEYOND * comm.all_reduce_max(largest) {
-        return Err(Error::Scene(format!(
-            "initial: the plate starts {violation:.3e} m beyond an obstacle; expected a start within all of them"
-        )));
+        // The rank of the largest violation names it.
+        let worst = system.bounds.worst(&displacement);
+        let beyond = worst.filter(|(_, own)| *own == violation).map(|(bound, _)| {
+            let [lower, _] = system.bounds.rigid(bound);
+            let site = &sites[bound];
+            let side = if displacement[site.dof] < lower { Side::Below } else { Side::Above };
+            let what = heights::bounding(ground, opposite, site, side)?;
+            let [x, y] = site.at;
+            Err::<(), _>(Error::Scene(format!(
+                "{}: at ({x}, {y}) the plate starts {violation:.3e} m beyond {what}; expected a start within all obstacles",
+                initial.key()
+            )))
+        });
+        comm.all_ok(beyond.transpose())?;
     }
     Ok((Start { displacement, velocity }, doubt))
 }
