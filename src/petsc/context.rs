@@ -195,13 +195,13 @@ impl Context {
     ///
     /// # Errors
     /// Returns the first error, on every rank.
-    pub fn agree<T>(&self, own: Result<T>, patience: Duration) -> Result<T> {
-        match &own {
+    pub fn agree<T>(&self, result: Result<T>, patience: Duration) -> Result<T> {
+        match &result {
             Err(error) if !self.comm.arrive(Some(patience)) => self.fail(error),
             Ok(_) => self.comm.arrive(None),
             Err(_) => true,
         };
-        self.comm.all_ok(own)
+        self.comm.all_ok(result)
     }
 
     /// Reports an error and ends the program on every rank, with the error's exit code.

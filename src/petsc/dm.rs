@@ -39,22 +39,22 @@ impl Plex {
         cells: &[Index],
         vertices: &[[f64; 2]],
     ) -> Result<Self> {
-        let all = context.comm().all_reduce_sum(vertices.len());
+        let total = context.comm().all_reduce_sum(vertices.len());
         let good = (3..=4).contains(&corners)
             && cells.len().is_multiple_of(corners)
-            && cells.iter().all(|&v| v >= 0 && (v as usize) < all);
+            && cells.iter().all(|&v| v >= 0 && (v as usize) < total);
         if !context.comm().all_reduce_all(good) {
             return Err(Error::Mesh(format!(
-                "cells of {corners} corners that are no whole number of cells or name vertices out of 0..{all}"
+                "cells of {corners} corners that are no whole number of cells or name vertices out of 0..{total}"
             )));
         }
-        let [count, own, corners] = [int(cells.len() / corners)?, int(vertices.len())?, int(corners)?];
+        let [count, nodes, corners] = [int(cells.len() / corners)?, int(vertices.len())?, int(corners)?];
         let raw = get!(DMPlexCreateFromCellListParallelPetsc(
             context.raw(Comm::World),
             2,
             count,
-            own,
-            int(all)?,
+            nodes,
+            int(total)?,
             corners,
             sys::truth(true),
             cells.as_ptr(),
@@ -233,7 +233,7 @@ impl Plex {
         let section = Section::sharing(get!(DMGetCoordinateSection(self.raw))?, &self.context)?;
         let offsets = self.vertices().map(|vertex| section.offset(vertex)).collect::<Result<Vec<_>>>()?;
         vector.with_local(|values| {
-            offsets.iter().map(|&at| [values[at as usize], values[at as usize + 1]]).collect()
+            offsets.iter().map(|&offset| [values[offset as usize], values[offset as usize + 1]]).collect()
         })
     }
 
@@ -268,12 +268,12 @@ impl Plex {
                 count: edges.contains(&point).into(),
                 held: Vec::new(),
             })?)?;
-        let (mut all, mut mine) = (counter.global_vector()?, counter.local_vector()?);
+        let (mut sums, mut mine) = (counter.global_vector()?, counter.local_vector()?);
         let counts =
             edges.clone().map(|edge| Ok(self.support(edge)?.len() as f64)).collect::<Result<Vec<_>>>()?;
         mine.set_local(&counts)?;
-        counter.add_to_global(&mine, &mut all)?;
-        counter.to_local(&all, &mut mine)?;
+        counter.add_to_global(&mine, &mut sums)?;
+        counter.to_local(&sums, &mut mine)?;
         let counts = mine.to_vec()?;
         Ok(edges.zip(counts).filter(|&(_, count)| count == 1.0).map(|(edge, _)| edge).collect())
     }

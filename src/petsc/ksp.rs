@@ -201,15 +201,15 @@ impl Ksp {
 
     /// Solves A x = b from x = 0 to the largest one of two tolerances and those of the solver.
     fn solve_within(&mut self, relative: f64, absolute: f64, b: &Vector, x: &mut Vector) -> Result<()> {
-        let [own, least] = self.tolerances()?;
+        let [usual, least] = self.tolerances()?;
         let keep = f64::from(sys::PETSC_DEFAULT);
         let raw = self.raw;
         let set = |relative: f64, absolute: f64| {
             call!(KSPSetTolerances(raw, relative, absolute, keep, sys::PETSC_DEFAULT))
         };
-        set(relative.max(own), absolute.max(least))?;
+        set(relative.max(usual), absolute.max(least))?;
         let solved = self.solve(b, x);
-        set(own, least)?;
+        set(usual, least)?;
         solved
     }
 

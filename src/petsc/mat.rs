@@ -363,8 +363,8 @@ impl Matrix {
         let mut diagonal = self.vector()?;
         self.diagonal(&mut diagonal)?;
         let first = self.range().start;
-        let missing = diagonal.with_local(|of| {
-            let zeros = (first..).zip(of).filter(|(_, entry)| **entry == 0.0);
+        let missing = diagonal.with_local(|entries| {
+            let zeros = (first..).zip(entries).filter(|(_, entry)| **entry == 0.0);
             zeros.map(|(row, _)| (row, 1.0)).collect::<Vec<_>>()
         })?;
         self.set_diagonal_entries(&missing)

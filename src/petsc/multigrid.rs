@@ -112,7 +112,7 @@ impl MultigridLevels {
     /// The coarse matrices are products of the finest one with the interpolations (Galerkin).
     fn new(matrix: &Matrix, interpolations: &[&Matrix]) -> Result<MultigridLevels> {
         let interpolations: Vec<Matrix> =
-            interpolations.iter().map(|of| of.share()).collect::<Result<_>>()?;
+            interpolations.iter().map(|matrix| matrix.share()).collect::<Result<_>>()?;
         let mut diagonal = matrix.vector()?;
         matrix.diagonal(&mut diagonal)?;
         let mut coarse: Vec<Matrix> = Vec::new();

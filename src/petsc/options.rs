@@ -83,10 +83,10 @@ impl Context {
 
     /// Returns all options as text: names, each with a dash, and values.
     fn database(&self) -> Result<String> {
-        let all = get!(PetscOptionsGetAll(std::ptr::null_mut()))?;
+        let list = get!(PetscOptionsGetAll(std::ptr::null_mut()))?;
         // SAFETY: PETSc allocated the string.
-        let words = unsafe { text(all) };
-        free(all)?;
+        let words = unsafe { text(list) };
+        free(list)?;
         Ok(words)
     }
 
@@ -212,11 +212,11 @@ impl Context {
         let (mut count, mut names, mut values) =
             get!(PetscOptionsLeftGet(std::ptr::null_mut(); count, names, values))?;
         // SAFETY: PETSc allocated `count` names.
-        let left: Vec<_> = (0..count as usize).map(|i| unsafe { text(*names.add(i)) }).collect();
+        let unused: Vec<_> = (0..count as usize).map(|i| unsafe { text(*names.add(i)) }).collect();
         call!(PetscOptionsLeftRestore(std::ptr::null_mut(), &mut count, &mut names, &mut values))?;
         let ours = self.ours.borrow();
         let is = |list: &str, name: &str| list.eq_ignore_ascii_case(name);
-        Ok(left
+        Ok(unused
             .into_iter()
             .filter(|name| !LATE.iter().any(|late| is(late, name)) && !ours.iter().any(|our| is(our, name)))
             .collect())
@@ -229,9 +229,9 @@ impl Context {
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn accept_options(&self, beginning: &str) -> Result<()> {
-        let known = self.known_options();
+        let names = self.known_options();
         for name in self.unused_options()?.iter().filter(|name| name.starts_with(beginning)) {
-            if known.iter().any(|known| known.eq_ignore_ascii_case(name)) {
+            if names.iter().any(|other| other.eq_ignore_ascii_case(name)) {
                 self.option(name)?;
             }
         }
@@ -243,15 +243,15 @@ impl Context {
     /// # Errors
     /// Returns [`Error::Usage`] naming the option and the nearest one that PETSc knows.
     pub fn refuse_unused_options(&self) -> Result<()> {
-        let left = self.unused_options()?;
-        let Some(name) = left.first() else { return Ok(()) };
-        let known = self.known_options();
-        let hint = match nearest(name, &known) {
+        let unused = self.unused_options()?;
+        let Some(name) = unused.first() else { return Ok(()) };
+        let names = self.known_options();
+        let hint = match nearest(name, &names) {
             Some(near) if near == name => "; it is for a solver that was not chosen".into(),
             Some(near) => format!("; did you mean `-{near}`?"),
             None => String::new(),
         };
-        let others = match left.len() {
+        let others = match unused.len() {
             1 => String::new(),
             n => format!(" (and {} more)", n - 1),
         };
@@ -265,11 +265,11 @@ impl Context {
 
     /// Returns all names for suggestions: PETSc's, with the prefixes of the solvers created so far.
     pub fn known_options(&self) -> Vec<String> {
-        let mut known: Vec<_> = KNOWN.lines().chain(LATE.iter().copied()).map(String::from).collect();
+        let mut names: Vec<_> = KNOWN.lines().chain(LATE.iter().copied()).map(String::from).collect();
         for prefix in self.prefixes.borrow().iter() {
-            known.extend(KNOWN.lines().map(|name| format!("{prefix}{name}")));
+            names.extend(KNOWN.lines().map(|name| format!("{prefix}{name}")));
         }
-        known
+        names
     }
 }
 
@@ -284,7 +284,7 @@ fn free(pointer: *mut c_char) -> Result<()> {
 }
 
 /// Returns the known name at the smallest edit distance, if that is small enough for a typo.
-pub fn nearest<'a>(name: &str, known: &'a [String]) -> Option<&'a str> {
-    let (distance, near) = known.iter().map(|near| (strsim::damerau_levenshtein(name, near), near)).min()?;
+pub fn nearest<'a>(name: &str, names: &'a [String]) -> Option<&'a str> {
+    let (distance, near) = names.iter().map(|near| (strsim::damerau_levenshtein(name, near), near)).min()?;
     (distance <= 1 + name.len() / 4).then_some(near.as_str())
 }

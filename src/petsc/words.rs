@@ -8,11 +8,11 @@ pub const VARIABLE: &str = "PETSC_OPTIONS";
 /// Extracts the option `-skip_petscrc` and its value from a text of options.
 pub(super) fn skip_petscrc(text: &str) -> Vec<String> {
     let words: Vec<&str> = text.split_whitespace().collect();
-    let Some(at) = words.iter().rposition(|word| word.trim_start_matches('-') == "skip_petscrc") else {
+    let Some(place) = words.iter().rposition(|word| word.trim_start_matches('-') == "skip_petscrc") else {
         return Vec::new();
     };
-    let value = words.get(at + 1).filter(|word| !is_name(word));
-    [Some(&words[at]), value].into_iter().flatten().map(ToString::to_string).collect()
+    let value = words.get(place + 1).filter(|word| !is_name(word));
+    [Some(&words[place]), value].into_iter().flatten().map(ToString::to_string).collect()
 }
 
 /// Checks that arguments are options with at most one value each, none of them NaN.

@@ -44,8 +44,8 @@ impl WorldComm {
         }
         let color = Color::with_value((self.rank() / ranks) as i32);
         let none = || Error::Petsc("MPI made no communicator for a group of ranks".into());
-        let all = self.world().split_by_color(color).ok_or_else(none)?;
-        Ok(WorldComm(Rc::new(World { all, universe: self.0.universe.clone() })))
+        let ranks = self.world().split_by_color(color).ok_or_else(none)?;
+        Ok(WorldComm(Rc::new(World { all: ranks, universe: self.0.universe.clone() })))
     }
 
     /// Returns the communicator of the `mpi` crate.
@@ -57,17 +57,17 @@ impl WorldComm {
     ///
     /// This single reduction costs less than [`Communicator::all_reduce_sum`]. Its last digit may
     /// depend on the library and on the number of ranks; all ranks get the same.
-    pub fn all_reduce_sum_unordered(&self, own: f64) -> f64 {
+    pub fn all_reduce_sum_unordered(&self, value: f64) -> f64 {
         let mut sum = 0.0;
-        self.world().all_reduce_into(&own, &mut sum, SystemOperation::sum());
+        self.world().all_reduce_into(&value, &mut sum, SystemOperation::sum());
         sum
     }
 
     /// Replaces a slice by its entrywise sum over all ranks, in an order that the MPI library
     /// chooses; all lengths are equal. Collective.
     pub fn all_reduce_sum_slice_unordered(&self, values: &mut [f64]) {
-        let own = values.to_vec();
-        self.world().all_reduce_into(&own[..], values, SystemOperation::sum());
+        let addends = values.to_vec();
+        self.world().all_reduce_into(&addends[..], values, SystemOperation::sum());
     }
 
     /// Broadcasts a value of rank 0 to every rank, as JSON. Collective.
@@ -76,8 +76,8 @@ impl WorldComm {
     /// Returns [`Error::Petsc`] where JSON cannot express the value.
     pub fn broadcast_value<T: Serialize + DeserializeOwned>(&self, value: &T) -> Result<T> {
         let unfit = |error| Error::Petsc(format!("a value cannot be sent to other ranks: {error}"));
-        let own = if self.rank() == 0 { serde_json::to_vec(value).map_err(unfit) } else { Ok(Vec::new()) };
-        serde_json::from_slice(&self.all_gather(&self.all_ok(own)?)).map_err(unfit)
+        let bytes = if self.rank() == 0 { serde_json::to_vec(value).map_err(unfit) } else { Ok(Vec::new()) };
+        serde_json::from_slice(&self.all_gather(&self.all_ok(bytes)?)).map_err(unfit)
     }
 
     /// Waits for all ranks, at most for `within` if given, and returns whether they arrived.
@@ -127,40 +127,41 @@ impl Communicator for WorldComm {
         self.world().barrier();
     }
 
-    fn all_gather_one<T: Plain>(&self, own: T) -> Vec<T> {
-        let mut all = vec![0_u8; T::BYTES * self.size()];
-        self.world().all_gather_into(&to_bytes(&[own])[..], &mut all[..]);
-        from_bytes(&all)
+    fn all_gather_one<T: Plain>(&self, value: T) -> Vec<T> {
+        let mut bytes = vec![0_u8; T::BYTES * self.size()];
+        self.world().all_gather_into(&to_bytes(&[value])[..], &mut bytes[..]);
+        from_bytes(&bytes)
     }
 
-    fn all_gather_with_offset<T: Plain>(&self, own: &[T]) -> (Vec<T>, usize) {
+    fn all_gather_with_offset<T: Plain>(&self, values: &[T]) -> (Vec<T>, usize) {
         if self.size() == 1 {
-            return (own.to_vec(), 0);
+            return (values.to_vec(), 0);
         }
-        let own = sent(own);
-        let counts = self.counts(&own);
+        let values = sent(values);
+        let counts = self.counts(&values);
         let starts = starts(&counts);
         let offset = starts[self.rank()] as usize / T::BYTES.max(1);
-        let mut all = room(&counts);
-        self.world().all_gather_varcount_into(&own[..], &mut PartitionMut::new(&mut all[..], counts, starts));
-        (from_bytes(&all), offset)
+        let mut bytes = room(&counts);
+        self.world()
+            .all_gather_varcount_into(&values[..], &mut PartitionMut::new(&mut bytes[..], counts, starts));
+        (from_bytes(&bytes), offset)
     }
 
-    fn gather<T: Plain>(&self, own: &[T]) -> Vec<Vec<T>> {
-        let own = sent(own);
-        let counts = self.counts(&own);
+    fn gather<T: Plain>(&self, values: &[T]) -> Vec<Vec<T>> {
+        let values = sent(values);
+        let counts = self.counts(&values);
         let first = self.world().process_at_rank(0);
         if self.rank() > 0 {
-            first.gather_varcount_into(&own[..]);
+            first.gather_varcount_into(&values[..]);
             return Vec::new();
         }
         let starts = starts(&counts);
-        let mut all = room(&counts);
+        let mut bytes = room(&counts);
         first.gather_varcount_into_root(
-            &own[..],
-            &mut PartitionMut::new(&mut all[..], &counts[..], &starts[..]),
+            &values[..],
+            &mut PartitionMut::new(&mut bytes[..], &counts[..], &starts[..]),
         );
-        let part = |(count, start): (c_int, c_int)| from_bytes(&all[start as usize..][..count as usize]);
+        let part = |(count, start): (c_int, c_int)| from_bytes(&bytes[start as usize..][..count as usize]);
         counts.into_iter().zip(starts).map(part).collect()
     }
 
@@ -170,11 +171,11 @@ impl Communicator for WorldComm {
         values.iter_mut().zip(from_bytes(&bytes)).for_each(|(value, first)| *value = first);
     }
 
-    fn all_reduce_max(&self, own: f64) -> f64 {
+    fn all_reduce_max(&self, value: f64) -> f64 {
         // MPI's maximum may lose a NaN.
-        let own = if own.is_nan() { f64::INFINITY } else { own };
-        let mut largest = own;
-        self.world().all_reduce_into(&own, &mut largest, SystemOperation::max());
+        let value = if value.is_nan() { f64::INFINITY } else { value };
+        let mut largest = value;
+        self.world().all_reduce_into(&value, &mut largest, SystemOperation::max());
         largest
     }
 

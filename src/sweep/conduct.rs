@@ -81,15 +81,15 @@ pub fn conduct(
     let groups = groups(sweep);
     let leader = groups.first().filter(|_| groups.len() > 1).and_then(|runs| runs.first()).cloned();
     for (group, runs) in groups.into_iter().enumerate() {
-        let known: Vec<SweepRow> = runs.iter().map_while(|run| record.known(run.index)).collect();
-        let rest = runs[known.len()..].to_vec();
+        let recorded: Vec<SweepRow> = runs.iter().map_while(|run| record.known(run.index)).collect();
+        let rest = runs[recorded.len()..].to_vec();
         let state = if rest.is_empty() { None } else { record.state(group) };
-        rows.extend(known);
+        rows.extend(recorded);
         if !rest.is_empty() {
             waiting.push(Waiting { group, is_carried: runs.len() > 1, runs: rest, state });
         }
     }
-    let total = rows.len() + waiting.iter().map(|of| of.runs.len()).sum::<usize>();
+    let total = rows.len() + waiting.iter().map(|group| group.runs.len()).sum::<usize>();
     let lot = waiting.len().div_ceil(threads.max(1)).clamp(1, Lanes::COUNT);
     let conductor = Conductor { sweep, load, interrupts, leader, waiting, lot, next: AtomicUsize::new(0) };
     let (sender, receiver) = channel();
@@ -138,19 +138,20 @@ impl Conductor<'_> {
         leader: Option<&Leader>,
         finished: &Sender<Noted>,
     ) -> Option<()> {
-        let most = lot.iter().map(|of| of.runs.len()).max().unwrap_or(0);
+        let most = lot.iter().map(|group| group.runs.len()).max().unwrap_or(0);
         for place in 0..most {
-            let mut due: Vec<&mut Waiting> = lot.iter_mut().filter(|of| place < of.runs.len()).collect();
+            let mut due: Vec<&mut Waiting> =
+                lot.iter_mut().filter(|group| place < group.runs.len()).collect();
             let prepared: Vec<Result<PreparedRun>> =
-                due.iter().map(|of| self.prepare(&of.runs[place], of.state.as_ref())).collect();
+                due.iter().map(|group| self.prepare(&group.runs[place], group.state.as_ref())).collect();
             let made = make_all(prepared, leader, self.interrupts)?;
-            for (of, made) in due.iter_mut().zip(made) {
+            for (group, made) in due.iter_mut().zip(made) {
                 let outcome = made.map(|(measures, last)| {
-                    of.state = of.is_carried.then_some(last);
+                    group.state = group.is_carried.then_some(last);
                     measures
                 });
-                let row = SweepRow::new(&of.runs[place], outcome.map_err(|why| why.to_string()));
-                finished.send(Noted { group: of.group, row, state: of.state.clone() }).ok()?;
+                let row = SweepRow::new(&group.runs[place], outcome.map_err(|why| why.to_string()));
+                finished.send(Noted { group: group.group, row, state: group.state.clone() }).ok()?;
             }
         }
         Some(())
@@ -187,23 +188,23 @@ fn make_all(
     match in_lanes(&together) {
         Err(Error::Interrupted { .. }) => return None,
         Err(_) => {}
-        Ok(all) => (made, is_whole) = (all.into_iter(), true),
+        Ok(several) => (made, is_whole) = (several.into_iter(), true),
     }
     let mut one = |run: PreparedRun| {
         if goes(&&run) {
-            let own = match is_whole {
+            let outcome = match is_whole {
                 true => made.next(),
-                false => in_lanes(&[&run]).ok().and_then(|all| all.into_iter().next()),
+                false => in_lanes(&[&run]).ok().and_then(|runs| runs.into_iter().next()),
             };
-            if let Some(finished) = own {
+            if let Some(finished) = outcome {
                 return Ok(finished);
             }
         }
         run.run_alone(&condensed, interrupts)
     };
-    let all: Vec<Result<Finished>> = prepared.into_iter().map(|run| run.and_then(&mut one)).collect();
-    let is_interrupted = all.iter().any(|made| matches!(made, Err(Error::Interrupted { .. })));
-    (!is_interrupted).then_some(all)
+    let outcomes: Vec<Result<Finished>> = prepared.into_iter().map(|run| run.and_then(&mut one)).collect();
+    let is_interrupted = outcomes.iter().any(|made| matches!(made, Err(Error::Interrupted { .. })));
+    (!is_interrupted).then_some(outcomes)
 }
 
 /// Returns the scene of a run, with a step that divides the period and the end of the run, and its
@@ -212,19 +213,23 @@ fn make_all(
 /// # Errors
 /// Returns the errors of the scene.
 pub fn scene_at(sweep: &SweepSpec, load: &Loader, values: &[f64]) -> Result<(Scene, SweepSpec)> {
-    let mut settings: Vec<String> =
-        sweep.over.iter().zip(values).map(|(of, value)| format!("{}={}", of.key, spell(*value))).collect();
+    let mut settings: Vec<String> = sweep
+        .over
+        .iter()
+        .zip(values)
+        .map(|(axis, value)| format!("{}={}", axis.key, spell(*value)))
+        .collect();
     let scene = load(&settings)?;
-    let own = scene.sweep.unwrap_or_else(|| sweep.clone());
-    let period = own.period();
+    let spec = scene.sweep.unwrap_or_else(|| sweep.clone());
+    let period = spec.period();
     // Rounding must not add a step.
     let per_period = (period / scene.time.step * (1.0 - 1e-9)).ceil().max(1.0);
     settings.push(format!("time.step={:?}", period / per_period));
-    settings.push(format!("time.end={:?}", own.periods as f64 * period));
+    settings.push(format!("time.end={:?}", spec.periods as f64 * period));
     let mut scene = load(&settings)?;
     // Nothing of these is measured.
     (scene.output.fields, scene.output.extremes) = (None, false);
-    Ok((scene, own))
+    Ok((scene, spec))
 }
 
 /// Formats a value for a setting; whole numbers without a point, which counts need.

@@ -121,12 +121,12 @@ pub(super) struct PeriodRecorder {
 impl PeriodRecorder {
     /// Prepares the measures of runs with a number of probes.
     pub fn new(probes: usize, per_period: u64, settle: u64) -> PeriodRecorder {
-        let all = |value: f64| Lanes([value; Lanes::COUNT]);
+        let equal = |value: f64| Lanes([value; Lanes::COUNT]);
         let none = Lanes::default();
         let sums = || ProbeSums {
             section: Vec::new(),
-            max: all(f64::NEG_INFINITY),
-            min: all(f64::INFINITY),
+            max: equal(f64::NEG_INFINITY),
+            min: equal(f64::INFINITY),
             origin: none,
             sum: none,
             squares: none,
@@ -207,7 +207,7 @@ impl PeriodRecorder {
         let periods = steps / self.phases.len() as f64;
         let probes: Vec<ProbeMeasures> = self.probes.iter().map(|sums| sums.measures(run, steps)).collect();
         let sections: Vec<(&[f64], f64)> =
-            probes.iter().map(|of| (of.section.as_slice(), of.max - of.min)).collect();
+            probes.iter().map(|probe| (probe.section.as_slice(), probe.max - probe.min)).collect();
         let ContactSums { peak_force, impulse, impacts, impact_velocity, .. } = self.contacts[run];
         Measures {
             period: repetition(&sections, tolerance),

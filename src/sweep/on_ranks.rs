@@ -47,14 +47,14 @@ impl RankedSweep<'_> {
         let comm = self.context.comm();
         let stops = || comm.all_reduce_any(interrupts());
         let mine = self.own_groups();
-        let mut left = self.count();
+        let mut rest = self.count();
         for runs in mine {
             let mut state = None;
             for planned in &runs {
                 let made = self.make(planned, state.as_ref(), &stops);
                 // All ranks of the group stop at the same step.
                 if matches!(made, Err(Error::Interrupted { .. })) {
-                    return Err(Error::Stopped(format!("{left} runs of a group of ranks are left")));
+                    return Err(Error::Stopped(format!("{rest} runs of a group of ranks are left")));
                 }
                 let made = self.context.agree(made, self.patience);
                 self.context.refuse_unused_options()?;
@@ -63,7 +63,7 @@ impl RankedSweep<'_> {
                     measures
                 });
                 let row = SweepRow::new(planned, outcome.map_err(|why| why.to_string()));
-                left -= 1;
+                rest -= 1;
                 told(&row);
                 comm.all_ok(part.as_mut().map_or(Ok(()), |part| part.add(&row)))?;
             }
@@ -79,10 +79,10 @@ impl RankedSweep<'_> {
     /// Returns the runs that the own group makes. Runs that continue each other are made again from
     /// the first one where any of them is missing, since no state is kept.
     fn own_groups(&self) -> Vec<Vec<PlannedRun>> {
-        let (own, count) = self.context.group();
+        let (group, count) = self.context.group();
         let is_missing = |runs: &Vec<PlannedRun>| runs.iter().any(|run| !self.known.contains(&run.index));
         let missing = groups(self.sweep).into_iter().filter(is_missing).enumerate();
-        missing.filter(|(place, _)| place % count == own).map(|(_, runs)| runs).collect()
+        missing.filter(|(place, _)| place % count == group).map(|(_, runs)| runs).collect()
     }
 
     /// Makes one run. Collective over the group.

@@ -47,13 +47,13 @@ pub(super) fn run_together(
     let models: Vec<Rc<Model>> = runs.iter().map(|run| run.model.clone()).collect();
     let systems: Vec<_> = models.iter().map(|model| &model.system).collect();
     let starts: Vec<Start> = runs.iter().map(|run| run.start.clone()).collect();
-    let all = shared.start(&systems, parameters, &starts)?;
+    let motions = shared.start(&systems, parameters, &starts)?;
     let probes = &runs[0].model.probes;
     if models.iter().all(|model| model.probes_deflections_only() && model.probes == *probes) {
-        return PeriodicModeRuns::new(runs, all)?.run(interrupts);
+        return PeriodicModeRuns::new(runs, motions)?.run(interrupts);
     }
     // Schemes that advance in turn.
-    let lanes = all.into_lanes().into_iter().zip(runs);
+    let lanes = motions.into_lanes().into_iter().zip(runs);
     let made = lanes.map(|(lane, run)| PeriodicRun::new(run, Box::new(lane), None));
     let mut made: Vec<PeriodicRun<Native>> = made.collect::<Result<_>>()?;
     make(&mut made, interrupts)?;
@@ -97,16 +97,16 @@ impl<'m, E: Engine> PeriodicRun<'m, E> {
     /// Starts to measure a scheme at its start. A second one for the Lyapunov exponent starts by
     /// `again`.
     fn new(
-        of: &'m PreparedRun<E>,
+        prepared: &'m PreparedRun<E>,
         scheme: Box<dyn Scheme + 'm>,
         again: Option<&'m StartAgain<'m>>,
     ) -> Result<PeriodicRun<'m, E>> {
         let mut run = PeriodicRun {
-            monitor: of.monitor(scheme.as_ref())?,
-            recorder: of.recorder(),
-            values: vec![0.0; of.scene.output.probes.len()],
-            lanes: vec![Lanes::default(); of.scene.output.probes.len()],
-            of,
+            monitor: prepared.monitor(scheme.as_ref())?,
+            recorder: prepared.recorder(),
+            values: vec![0.0; prepared.scene.output.probes.len()],
+            lanes: vec![Lanes::default(); prepared.scene.output.probes.len()],
+            of: prepared,
             scheme,
             again,
             beside: None,

@@ -12,8 +12,8 @@ use crate::simulation::StepMonitor;
 /// Runs in lock step in modes, on their way. They are recorded together, and each is looked at by
 /// itself only where it meets an obstacle.
 pub(super) struct PeriodicModeRuns<'m> {
-    of: Vec<&'m PreparedRun>,
-    all: ModeRuns<'m>,
+    runs: Vec<&'m PreparedRun>,
+    motion: ModeRuns<'m>,
     monitors: Vec<StepMonitor<'m, Native>>,
     recorder: PeriodRecorder,
     values: Vec<Lanes>,
@@ -21,14 +21,14 @@ pub(super) struct PeriodicModeRuns<'m> {
 
 impl<'m> PeriodicModeRuns<'m> {
     /// Starts to measure runs at their start.
-    pub fn new(of: &[&'m PreparedRun], mut all: ModeRuns<'m>) -> Result<PeriodicModeRuns<'m>> {
-        let lanes = of.iter().enumerate();
-        let monitors = lanes.map(|(lane, run)| run.monitor(all.lane(lane))).collect::<Result<_>>()?;
+    pub fn new(runs: &[&'m PreparedRun], mut motion: ModeRuns<'m>) -> Result<PeriodicModeRuns<'m>> {
+        let lanes = runs.iter().enumerate();
+        let monitors = lanes.map(|(lane, run)| run.monitor(motion.lane(lane))).collect::<Result<_>>()?;
         Ok(PeriodicModeRuns {
-            recorder: of[0].recorder(),
-            values: vec![Lanes::default(); of[0].model.probes.len()],
-            of: of.to_vec(),
-            all,
+            recorder: runs[0].recorder(),
+            values: vec![Lanes::default(); runs[0].model.probes.len()],
+            runs: runs.to_vec(),
+            motion,
             monitors,
         })
     }
@@ -36,49 +36,49 @@ impl<'m> PeriodicModeRuns<'m> {
     /// Makes the runs to their end.
     pub fn run(mut self, interrupts: &dyn Fn() -> bool) -> Result<Vec<Finished>> {
         self.note()?;
-        for step in 0..self.of[0].steps() {
+        for step in 0..self.runs[0].steps() {
             if step.is_multiple_of(ASK_EVERY) && interrupts() {
-                return Err(Error::Interrupted { step, time: self.all.lane(0).time() });
+                return Err(Error::Interrupted { step, time: self.motion.lane(0).time() });
             }
-            self.all.advance()?;
+            self.motion.advance()?;
             self.note()?;
         }
-        let PeriodicModeRuns { of, mut all, mut monitors, recorder, .. } = self;
-        let lanes = of.iter().zip(&mut monitors).enumerate();
+        let PeriodicModeRuns { runs, mut motion, mut monitors, recorder, .. } = self;
+        let lanes = runs.iter().zip(&mut monitors).enumerate();
         let finished = lanes.map(|(lane, (run, monitor))| {
-            let now = monitor.check_energies(all.lane(lane))?;
-            run.finished(all.lane(lane), now, (&recorder, lane), None)
+            let now = monitor.check_energies(motion.lane(lane))?;
+            run.finished(motion.lane(lane), now, (&recorder, lane), None)
         });
         finished.collect()
     }
 
     /// Checks and records the step just made; the start is step 0.
     fn note(&mut self) -> Result<()> {
-        let PeriodicModeRuns { of, all, monitors, recorder, values } = self;
-        let step = all.step();
-        let kkt = all.kkt();
+        let PeriodicModeRuns { runs, motion, monitors, recorder, values } = self;
+        let step = motion.step();
+        let kkt = motion.kkt();
         if monitors.iter().any(|monitor| monitor.is_due(step, kkt)) {
-            for ((lane, monitor), energies) in monitors.iter_mut().enumerate().zip(all.energies()) {
-                monitor.check(all.lane(lane), || Ok(energies))?;
+            for ((lane, monitor), energies) in monitors.iter_mut().enumerate().zip(motion.energies()) {
+                monitor.check(motion.lane(lane), || Ok(energies))?;
             }
         }
-        if let Some([forces, impulses]) = all.contacts() {
+        if let Some([forces, impulses]) = motion.contacts() {
             for (lane, monitor) in monitors.iter_mut().enumerate() {
                 let (force, impulse) = (forces.0[lane], impulses.0[lane]);
                 let contact = TotalContact { touches: force > 0.0, force, peak: 0.0, impulse };
                 if recorder.note_contact(lane, step, contact) {
-                    let met = monitor.impact(all.lane(lane))?;
+                    let met = monitor.impact(motion.lane(lane))?;
                     recorder.note_closing(lane, met.map_or(0.0, |met| met.velocity.abs()));
                 }
             }
         }
         if recorder.begins_after(step) {
-            for lane in 0..of.len() {
-                recorder.begin(lane, all.lane(lane).energies()?);
+            for lane in 0..runs.len() {
+                recorder.begin(lane, motion.lane(lane).energies()?);
             }
         }
-        for (value, probe) in values.iter_mut().zip(&of[0].model.probes) {
-            let parts = probe.weights().iter().map(|&(dof, weight)| weight * all.deflections(dof));
+        for (value, probe) in values.iter_mut().zip(&runs[0].model.probes) {
+            let parts = probe.weights().iter().map(|&(dof, weight)| weight * motion.deflections(dof));
             *value = parts.fold(Lanes::default(), |sum, part| sum + part);
         }
         recorder.note(step, values);

@@ -56,8 +56,8 @@ fn runs_of(report: &SweepReport, direction: Direction) -> impl Iterator<Item = (
 
 /// Returns the directions that occur, each with its name and its place in the palette.
 fn directions(report: &SweepReport) -> impl Iterator<Item = (Direction, &'static str, usize)> {
-    let named = DIRECTIONS.into_iter().filter(|(of, _)| report.rows.iter().any(|row| row.direction == *of));
-    named.map(|(of, name)| (of, name, usize::from(of == Direction::Down)))
+    let named = DIRECTIONS.into_iter().filter(|(way, _)| report.rows.iter().any(|row| row.direction == *way));
+    named.map(|(way, name)| (way, name, usize::from(way == Direction::Down)))
 }
 
 /// Returns the axis of the swept values.
@@ -71,8 +71,9 @@ fn bifurcation(report: &SweepReport) -> Figure {
     let panel = |(index, probe): (usize, &ProbeHead)| {
         let panel = Panel::new(key_axis(report, 0), Axis::linear(label(report, probe), &*probe.unit));
         let curves = directions(report).map(|(direction, name, color)| {
-            let points = runs_of(report, direction)
-                .flat_map(|(row, of)| of.probes[index].section.iter().map(|value| [row.values[0], *value]));
+            let points = runs_of(report, direction).flat_map(|(row, measures)| {
+                measures.probes[index].section.iter().map(|value| [row.values[0], *value])
+            });
             Curve::new(name, distinct(points.collect())).palette(color).marks(0).size(0.12).scattered()
         });
         panel.height(if report.probes.len() == 1 { 150.0 } else { 110.0 }).curves(curves)
@@ -110,10 +111,10 @@ fn distinct(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 
 /// Plots half the range of each probe, the peak force and the exponent over the swept key.
 fn response(report: &SweepReport) -> Figure {
-    let curves = |of: &dyn Fn(&Measures) -> f64| {
+    let curves = |value: &dyn Fn(&Measures) -> f64| {
         let curve = |(direction, name, color): (Direction, &'static str, usize)| {
             let points: Vec<[f64; 2]> =
-                runs_of(report, direction).map(|(row, measures)| [row.values[0], of(measures)]).collect();
+                runs_of(report, direction).map(|(row, measures)| [row.values[0], value(measures)]).collect();
             // A single run is no line.
             let curve = Curve::new(name, points).palette(color).dashes(color).width(0.8);
             curve.marks(color).size(0.35)
@@ -124,21 +125,22 @@ fn response(report: &SweepReport) -> Figure {
     for (index, probe) in report.probes.iter().take(MOST_PROBES).enumerate() {
         let axis =
             Axis::linear(format!("{}: half the range", label(report, probe)), &*probe.unit).with([0.0]);
-        panels
-            .push(Panel::new(key_axis(report, 0), axis).curves(curves(&|of| half_range(&of.probes[index]))));
+        panels.push(
+            Panel::new(key_axis(report, 0), axis).curves(curves(&|run| half_range(&run.probes[index]))),
+        );
     }
     if report.has_contact {
         let axis = Axis::linear("peak force", "N").with([0.0]);
-        panels.push(Panel::new(key_axis(report, 0), axis).curves(curves(&|of| of.peak_force)));
+        panels.push(Panel::new(key_axis(report, 0), axis).curves(curves(&|run| run.peak_force)));
         let axis = Axis::linear("impact velocity", "m/s").with([0.0]);
-        panels.push(Panel::new(key_axis(report, 0), axis).curves(curves(&|of| of.impact_velocity)));
+        panels.push(Panel::new(key_axis(report, 0), axis).curves(curves(&|run| run.impact_velocity)));
     }
     let has_exponent =
-        report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|of| of.lyapunov.is_some());
+        report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|run| run.lyapunov.is_some());
     if has_exponent {
         let axis = Axis::linear("Lyapunov exponent", "1/s").with([0.0]);
         panels.push(
-            Panel::new(key_axis(report, 0), axis).curves(curves(&|of| of.lyapunov.unwrap_or(f64::NAN))),
+            Panel::new(key_axis(report, 0), axis).curves(curves(&|run| run.lyapunov.unwrap_or(f64::NAN))),
         );
     }
     let last = panels.len().saturating_sub(1);
@@ -159,16 +161,16 @@ fn map(report: &SweepReport) -> Figure {
     let mut quantities: Vec<Quantity> = Vec::new();
     if let Some(probe) = report.probes.first() {
         let name = format!("half the range of {}", probe.name);
-        quantities.push((name, &probe.unit, Box::new(|of| of.probes.first().map(half_range))));
+        quantities.push((name, &probe.unit, Box::new(|run| run.probes.first().map(half_range))));
     }
     if report.has_contact {
-        quantities.push(("impact velocity".into(), "m/s", Box::new(|of| Some(of.impact_velocity))));
-        quantities.push(("peak force".into(), "N", Box::new(|of| Some(of.peak_force))));
+        quantities.push(("impact velocity".into(), "m/s", Box::new(|run| Some(run.impact_velocity))));
+        quantities.push(("peak force".into(), "N", Box::new(|run| Some(run.peak_force))));
     }
     let has_exponent =
-        report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|of| of.lyapunov.is_some());
+        report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|run| run.lyapunov.is_some());
     if has_exponent {
-        quantities.push(("Lyapunov exponent".into(), "1/s", Box::new(|of| of.lyapunov)));
+        quantities.push(("Lyapunov exponent".into(), "1/s", Box::new(|run| run.lyapunov)));
     }
     let mut figure = Figure::new(&report.title);
     for (name, unit, value) in &quantities {
@@ -188,18 +190,18 @@ fn map_panel(
     value: &dyn Fn(&Measures) -> Option<f64>,
 ) -> Panel {
     let cells: Vec<([f64; 2], f64)> = runs_of(report, direction)
-        .filter_map(|(row, of)| Some(([row.values[0], row.values[1]], value(of)?)))
+        .filter_map(|(row, measures)| Some(([row.values[0], row.values[1]], value(measures)?)))
         .collect();
     let low = cells.iter().map(|cell| cell.1).fold(f64::INFINITY, f64::min);
     let high = cells.iter().map(|cell| cell.1).fold(f64::NEG_INFINITY, f64::max);
     let edges = [0, 1].map(|key| edges(report.rows.iter().map(|row| row.values[key]).collect()));
-    let bars = cells.iter().filter_map(|(at, value)| {
-        let [x, y] = [0, 1].map(|key| edges[key].iter().find(|of| of.0 == at[key]).map(|of| of.1));
+    let bars = cells.iter().filter_map(|(place, value)| {
+        let [x, y] = [0, 1].map(|key| edges[key].iter().find(|edge| edge.0 == place[key]).map(|edge| edge.1));
         let share = if high > low { (value - low) / (high - low) } else { 0.0 };
         Some(Bar { x: x?, y: y?, color: shade(share) })
     });
     let axis = |key: usize| {
-        let ends = edges[key].iter().flat_map(|of| of.1);
+        let ends = edges[key].iter().flat_map(|edge| edge.1);
         Axis::linear(report.keys[key].clone(), "").with(ends).tight()
     };
     let ramp = Ramp::new(quantity, unit, [low, high], shade);

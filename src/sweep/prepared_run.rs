@@ -150,12 +150,12 @@ impl<'m> Leader<'m> {
 
     /// Returns what the runs share, if they go in modes.
     pub fn shared(&self) -> Option<&SharedModes<'m>> {
-        let found = || {
+        let shared = || {
             let system = &self.run.model.system;
             let modes = SharedModes::modes(system).ok().flatten()?;
             SharedModes::new(system, &modes).ok()
         };
-        self.shared.get_or_init(found).as_ref()
+        self.shared.get_or_init(shared).as_ref()
     }
 
     /// Returns whether a run can go in lock step with this one.

@@ -92,7 +92,7 @@ impl SweepReport {
             command,
             version: env!("CARGO_PKG_VERSION").into(),
             scene_hash: scene.hash(),
-            keys: scene.sweep.iter().flat_map(|sweep| &sweep.over).map(|of| of.name.clone()).collect(),
+            keys: scene.sweep.iter().flat_map(|sweep| &sweep.over).map(|axis| axis.name.clone()).collect(),
             probes: probes.collect(),
             has_contact: scene.has_contact(),
             rows,
@@ -130,7 +130,7 @@ impl SweepReport {
         let of_probe = ["section", "max", "min", "rms", "amplitude", "phase"];
         let mut heads: Vec<String> = self.keys.iter().map(|key| quoted(key)).collect();
         heads.push("direction".into());
-        let names = |probe: &ProbeHead| of_probe.map(|of| quoted(&format!("{}_{of}", probe.name)));
+        let names = |probe: &ProbeHead| of_probe.map(|measure| quoted(&format!("{}_{measure}", probe.name)));
         heads.extend(self.probes.iter().flat_map(names));
         let others = ["period", "lyapunov", "peak_force", "impulse", "impacts", "impact_velocity"];
         heads.extend(others.into_iter().chain(["work", "loss", "failure"]).map(str::to_owned));

@@ -52,8 +52,8 @@ impl SweepStore {
             Err(why) if why.kind() != ErrorKind::NotFound => return Err(Error::io(path)(why)),
             _ => String::new(),
         };
-        let (head, found) = (head(hash), rows_of(&text));
-        if found.as_ref().is_some_and(|(first, _)| *first != head) {
+        let (head, stored) = (head(hash), rows_of(&text));
+        if stored.as_ref().is_some_and(|(first, _)| *first != head) {
             return Err(Error::Usage(format!(
                 "{} holds the sweep of another scene, or with other values: --out DIR names another folder, --overwrite \
                  replaces it",
@@ -61,7 +61,7 @@ impl SweepStore {
             )));
         }
         remove(&folder.join(report::FILE))?;
-        let rows = found.map(|(_, rows)| rows).unwrap_or_default();
+        let rows = stored.map(|(_, rows)| rows).unwrap_or_default();
         let mut store = SweepStore {
             known: rows.into_iter().map(|row| (row.index, row)).collect(),
             states: BTreeMap::new(),

@@ -16,11 +16,9 @@ const UNREVISED: &[&str] = &[
     "linalg",
     "lock_step",
     "obstacle",
-    "petsc",
     "scene",
     "scheme",
     "simulation",
-    "sweep",
     "vi",
 ];
 
