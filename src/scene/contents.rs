@@ -19,6 +19,7 @@ use super::sweep::SweepSpec;
 use super::time::Time;
 use crate::field::Parameters;
 use serde_json::{Value, json};
+use std::sync::LazyLock;
 
 table! {
     /// Simulation input, validated and with every default filled in, in SI units.
@@ -107,4 +108,15 @@ pub fn schema() -> Value {
     ]);
     schema.extend(Scene::keys().schema());
     Value::Object(schema)
+}
+
+/// Returns the unit of a key such as `load.pressure` or `spring.0.stiffness`, with or without the
+/// number of the table; `None` without a unit, or with one that depends on other keys.
+pub fn unit(key: &str) -> Option<String> {
+    static SCHEMA: LazyLock<Value> = LazyLock::new(schema);
+    let inner = |node: &'static Value, part: &str| &node.get("items").unwrap_or(node)["properties"][part];
+    let parts = key.split('.').filter(|part| part.parse::<usize>().is_err());
+    let description = parts.fold(&*SCHEMA, inner)["description"].as_str()?;
+    let unit = description.strip_prefix('[')?.split([']', ';', ',']).next()?;
+    (!unit.starts_with("default")).then(|| unit.to_owned())
 }

@@ -62,7 +62,7 @@ pub use crate::scheme::{Massless, SchemeName, SchemeSpec};
 pub use crate::vi::ContactSolver;
 pub use attachments::{Attachments, Ball, Foundation, PointMass, Rib, RibPath, Spring};
 pub use column::{FORCE_COLUMNS, HISTORY_COLUMNS};
-pub use contents::{Scene, schema};
+pub use contents::{Scene, schema, unit};
 pub use damping::Damping;
 use document::Document;
 use entry::{SceneText, Table};

@@ -5,6 +5,7 @@ use super::plan::Direction;
 use super::report::{ProbeHead, SweepReport, SweepRow};
 use crate::error::Result;
 use crate::output::plot::{Axis, Bar, Color, Curve, FOLDER, Figure, Panel, Ramp};
+use crate::scene::unit;
 use std::collections::BTreeSet;
 use std::path::Path;
 
@@ -63,7 +64,8 @@ fn directions(report: &SweepReport) -> impl Iterator<Item = (Direction, &'static
 /// Returns the axis of the swept values.
 fn key_axis(report: &SweepReport, key: usize) -> Axis {
     let name = report.keys.get(key).cloned().unwrap_or_default();
-    Axis::linear(name, "").with(report.rows.iter().map(|row| row.values[key])).tight()
+    let unit = unit(&name).unwrap_or_default();
+    Axis::linear(name, unit).with(report.rows.iter().map(|row| row.values[key])).tight()
 }
 
 /// Plots the section of each probe over the swept key.
@@ -202,7 +204,7 @@ fn map_panel(
     });
     let axis = |key: usize| {
         let ends = edges[key].iter().flat_map(|edge| edge.1);
-        Axis::linear(report.keys[key].clone(), "").with(ends).tight()
+        key_axis(report, key).with(ends).tight()
     };
     let ramp = Ramp::new(quantity, unit, [low, high], shade);
     Panel::new(axis(0), axis(1)).height(130.0).bars(bars).ramp(ramp)

@@ -97,3 +97,20 @@ fn every_key_is_documented() {
         assert!(said.iter().any(|said| PAGE.contains(said)), "{name}");
     }
 }
+
+/// Reports and pictures find the unit of a key in its row.
+#[test]
+fn units_of_keys_are_told() {
+    let told = [
+        ("load.pressure", "Pa"),
+        ("spring.0.stiffness", "N/m"),
+        ("rib.mass", "kg/m"),
+        ("load.gravity", "m/s2"),
+    ];
+    for (key, unit) in told {
+        assert_eq!(rebond::scene::unit(key).as_deref(), Some(unit), "{key}");
+    }
+    for key in ["mesh.refine", "obstacle.0.stiffness", "support.0.at.x", "nonsense", ""] {
+        assert_eq!(rebond::scene::unit(key), None, "{key}");
+    }
+}

@@ -2,6 +2,7 @@
 
 use super::contents::ReportContents;
 use crate::output::text::{grouped, significant};
+use crate::scene::unit;
 use serde_json::Value;
 
 /// Largest number of contacts in the table.
@@ -70,7 +71,7 @@ pub(super) fn scene(summary: &Value) -> String {
 pub(super) fn parts(scene: &Value) -> String {
     let mut html = String::from("<dl class=\"scene\">\n");
     for (key, title) in PARTS {
-        let words = described(&scene[key]);
+        let words = described(&scene[key], key);
         if !words.is_empty() {
             html += &format!("<dt>{title}</dt><dd>{}</dd>\n", escaped(&words));
         }
@@ -79,7 +80,7 @@ pub(super) fn parts(scene: &Value) -> String {
     let is_part =
         |key: &str| PARTS.iter().any(|(part, _)| *part == key) || ["title", "output"].contains(&key);
     for (key, value) in scene.as_object().into_iter().flatten().filter(|(key, _)| !is_part(key)) {
-        let words = described(value);
+        let words = described(value, key);
         html += &format!("<dt>{}</dt><dd>{}</dd>\n", escaped(&key.replace('_', " ")), escaped(&words));
     }
     html + "</dl>\n"
@@ -89,36 +90,29 @@ fn texts(list: &Value) -> impl Iterator<Item = &str> {
     list.as_array().into_iter().flatten().filter_map(Value::as_str)
 }
 
-/// Returns a value of a scene in words; several tables are separated by semicolons.
-fn described(value: &Value) -> String {
+/// Returns the value of a key of a scene in words; several tables are separated by semicolons.
+fn described(value: &Value, key: &str) -> String {
     match value {
         Value::Null => String::new(),
         Value::String(text) => text.clone(),
         Value::Number(number) => number.as_f64().map_or_else(|| number.to_string(), significant),
         Value::Bool(yes) => if *yes { "yes" } else { "no" }.to_owned(),
         Value::Array(list) if list.iter().any(Value::is_object) => {
-            list.iter().map(described).collect::<Vec<_>>().join("; ")
+            list.iter().map(|item| described(item, key)).collect::<Vec<_>>().join("; ")
         }
-        Value::Array(list) => format!("({})", list.iter().map(described).collect::<Vec<_>>().join(", ")),
+        Value::Array(list) => {
+            format!("({})", list.iter().map(|item| described(item, key)).collect::<Vec<_>>().join(", "))
+        }
         Value::Object(table) => {
-            let part = |(key, value): (&String, &Value)| {
-                let unit = if value.is_number() { unit(key) } else { "" };
-                format!("{} {}{unit}", key.replace('_', " "), described(value))
+            let part = |(name, value): (&String, &Value)| {
+                let key = format!("{key}.{name}");
+                let unit = unit(&key).filter(|_| value.is_number()).map(|unit| format!(" {unit}"));
+                let unit =
+                    unit.unwrap_or_default().replace("m2", "m²").replace("m3", "m³").replace("s2", "s²");
+                format!("{} {}{unit}", name.replace('_', " "), described(value, &key))
             };
             table.iter().map(part).collect::<Vec<_>>().join(", ")
         }
-    }
-}
-
-/// Returns the unit of a key whose unit does not depend on other keys.
-fn unit(key: &str) -> &'static str {
-    match key {
-        "length" | "width" | "thickness" | "height" => " m",
-        "youngs_modulus" | "pressure" | "static_pressure" => " Pa",
-        "density" => " kg/m³",
-        "velocity" => " m/s",
-        "step" | "end" => " s",
-        _ => "",
     }
 }
 
@@ -141,7 +135,7 @@ pub(super) fn numbers(summary: &Value) -> String {
     let impact = &summary["first_impact"];
     card("first impact", with_unit(&impact["time"], "s"));
     card("velocity of the first impact", with_unit(&impact["velocity"], "m/s"));
-    card("place of the first impact", impact["at"].is_array().then(|| described(&impact["at"]) + " m"));
+    card("place of the first impact", impact["at"].is_array().then(|| described(&impact["at"], "") + " m"));
     card(
         "contacts of the plate",
         summary["contacts"].as_array().filter(|_| impact.is_object()).map(|c| c.len().to_string()),
