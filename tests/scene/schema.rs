@@ -163,6 +163,7 @@ spring = [{ at = [1.2, 0.0], stiffness = 1.0 }]
 mass = [{ at = [1.2, 0.0], mass = 1.0 }]
 rib = [{ edge = "top", bending = 1.0 }]
 ball = [{ at = [0.6, 0.2], mass = 1.0, height = 0.1 }]
+slider = [{ at = [0.6, 0.2], force = 1.0 }]
 damping = { mass = 0.0 }
 initial = { velocity = 0.0 }
 time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 1e-2 }
