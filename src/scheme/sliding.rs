@@ -1,9 +1,9 @@
 //! Sliders: dry friction of given normal forces, with memory of where each has slipped to.
 //!
-//! A slider resists the motion of its dof by the law of [dry friction](crate::contact_law::DryFriction)
-//! about an anchor `$a^n$`, in the bounded configuration of the step: `$U^{n+1}$` for Newmark with
-//! e = 0, `$U^{n+1/2}$` for the midpoint rule. With the force r of the step and the stiffness k of
-//! its spring, the anchor there is `$a = U + r / k$`, and over the whole step it moves by
+//! A slider resists the motion of its dof by [dry friction](crate::contact_law::DryFriction) about
+//! an anchor `$a^n$`, in the bounded configuration of the step: `$U^{n+1}$` for Newmark with e = 0,
+//! `$U^{n+1/2}$` for the midpoint rule. With the force r of the step and the stiffness k of its
+//! spring, the anchor there is `$a = U + r / k$`, and over the whole step it moves by
 //!
 //! ```math
 //! a^{n+1} - a^n = \rho\,(a - a^n), \qquad D^{n+1} = D^n - r\,(a^{n+1} - a^n) \ge D^n ,

@@ -336,7 +336,7 @@ fn dry_friction_beside_a_floor() {
                 {PAPER_PLATE}
                 {CLAMPED}
                 mesh = {{ element = "fvs", cells = [10, 4] }}
-                initial.velocity = 0.4
+                initial.velocity = -0.4
                 slider = [
                     {{ name = "pad", at = [1.2, 0.2], force = 3 }},
                     {{ at = [0.6, 0.4], force = 5, stiffness = 2e4 }},
