@@ -236,11 +236,11 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         let what = "follows plates whose stops have no damping of their own";
         return refuse(&key, what, "0, or time.scheme = \"newmark\" or \"midpoint\"");
     }
-    if let Some(key) = scene.yielding_stop()
+    if let Some((key, law)) = scene.yielding_stop()
         && !able.takes_laws
     {
         let wrong = format!(
-            "\"hertz\" contradicts time.scheme = \"{name}\", which has closed forms for linear motions only; \
+            "\"{law}\" contradicts time.scheme = \"{name}\", which has closed forms for linear motions only; \
              expected \"linear\", or time.scheme = \"conserving\", \"midpoint\" or \"newmark\""
         );
         return Err(doc.fault(&key, wrong));

@@ -2,7 +2,8 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{Compliance, FieldInput, Initial, Load, Scene, Side};
+use super::words::Choice;
+use super::{Compliance, FieldInput, Initial, Load, Scene, Side, StopLaw};
 
 impl Scene {
     /// Returns the names of the effects beyond the plate's own elasticity and inertia.
@@ -24,8 +25,9 @@ impl Scene {
             let moving = if moves { ", moving" } else { "" };
             add(of_side().next().is_some(), &format!("contact {name}{moving}"));
         }
-        add(self.compliances().any(|(_, of)| of.has_tip()), "compliant stops");
-        add(self.yielding_stop().is_some(), "stops by the law of Hertz");
+        for &(_, law) in StopLaw::WORDS {
+            add(self.compliances().any(|(_, stop)| stop.law == law), law.effect());
+        }
         add(self.stop_damping().is_some(), "damping of stops");
         add(!self.sliders.is_empty(), "dry friction");
         add(self.motions().next().is_some(), "moving supports");
@@ -73,9 +75,10 @@ impl Scene {
         of_obstacles.filter_map(named("obstacle")).chain(of_balls.filter_map(named("ball")))
     }
 
-    /// Returns the key of the law by which the bound of a stop yields, if any.
-    pub fn yielding_stop(&self) -> Option<String> {
-        self.compliances().find(|(_, of)| !of.has_tip()).map(|(table, _)| format!("{table}.law"))
+    /// Returns the law by which the bound of a stop yields, with its key, if any.
+    pub fn yielding_stop(&self) -> Option<(String, StopLaw)> {
+        let (table, stop) = self.compliances().find(|(_, stop)| !stop.has_tip())?;
+        Some((format!("{table}.law"), stop.law))
     }
 
     /// Returns the key of a compliant stop with damping, if any.

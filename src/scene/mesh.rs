@@ -53,8 +53,8 @@ table! {
         /// Numbers of rectangles along x and y before refinement; zeros where a file gives the
         /// mesh.
         cells: [usize; 2] = via(rectangles, rectangle_keys);
-        /// With `"hct"`: `"right"` (/), `"left"` (\\) or `"alternating"` cut of each rectangle into
-        /// two triangles, by default `"right"`.
+        /// With `"hct"`: `"right"` (rising), `"left"` (falling) or `"alternating"` cut of each
+        /// rectangle into two triangles, by default `"right"`.
         diagonal [serde(skip_serializing_if = "Option::is_none")]: Option<Diagonal> = word().optional();
         /// Number of uniform refinements, each of which cuts a cell in four; the refined mesh has
         /// at most 4 million rectangles.

@@ -153,3 +153,13 @@ named_by_registry!(SchemeName, scheme => scheme.capabilities().name);
 named_by_registry!(ContactSolver, solver => solver.name());
 
 shown_as_words!(ElementKind, SchemeName, ContactSolver);
+
+impl StopLaw {
+    /// Returns the name of the effect of stops with this law.
+    pub fn effect(self) -> &'static str {
+        match self {
+            StopLaw::Linear => "compliant stops",
+            StopLaw::Hertz => "stops by the law of Hertz",
+        }
+    }
+}

@@ -82,6 +82,8 @@ struct Drawn {
     masses: Vec<([f64; 2], f64)>,
     springs: Vec<([f64; 2], f64)>,
     foundation: Option<f64>,
+    /// Node, force in N, and stiffness in N/m of a slider.
+    slider: Option<([f64; 2], f64, Option<f64>)>,
     /// Ends across the plate, bending and torsion in N m2, mass in kg/m.
     rib: Option<([f64; 2], [f64; 3])>,
     ball: Option<Ball>,
@@ -187,6 +189,19 @@ fn draw(seed: u64) -> Drawn {
         1 | 2 => "modal",
         _ => "singular",
     };
+    let node = [1 + random.below(cells[0] - 1), 1 + random.below(cells[1] - 1)];
+    let node = [0, 1].map(|axis| node[axis] as f64 * sides[axis] / cells[axis] as f64);
+    let faces = |obstacle: &Obstacle| match obstacle.place {
+        Place::At(point) => (point[0] - node[0]).hypot(point[1] - node[1]) < 1e-6 * length,
+        Place::Line(column) => (column - node[0]).abs() < 1e-6 * length,
+        Place::Everywhere | Place::Beyond(_) => true,
+    };
+    let takes_friction = scheme == "newmark" && mass != "modal" && motion.is_none();
+    let slides = takes_friction && !obstacles.iter().any(faces);
+    let slip = 0.05 * spring * amplitude * (1.0 + 9.0 * random.unit());
+    let softness = (random.unit() < 0.5).then_some(100.0 * spring);
+    let slider = slides.then_some((node, slip, softness));
+    let mut some = |share: f64| random.unit() < share;
     let allows_damping = matches!(scheme, "newmark" | "midpoint") || mass == "modal";
     Drawn {
         damping: if some(0.3) {
@@ -216,6 +231,7 @@ fn draw(seed: u64) -> Drawn {
         masses,
         springs,
         foundation,
+        slider,
         rib,
         ball,
         scheme,
@@ -422,6 +438,13 @@ impl Drawn {
                     force * a * a * share * torsion,
                     m / a * share * mass
                 );
+            }
+        }
+        if let Some((node, slip, stiffness)) = self.slider {
+            let _ =
+                writeln!(out, "[[slider]]\nname = \"pad\"\nat = {}\nforce = {:e}", place(node), force * slip);
+            if let Some(stiffness) = stiffness {
+                let _ = writeln!(out, "stiffness = {:e}", force / a * stiffness);
             }
         }
         if let Some(ball) = &self.ball {

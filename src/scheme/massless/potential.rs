@@ -334,7 +334,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         }
         if missed && !bounds.laws.are_rigid() {
             return Err(Error::Singular(
-                "no deflection has the means over cells that the motion leads to: a stop with law = \"hertz\" is too stiff for \
+                "no deflection has the means over cells that the motion leads to: a stop with a law of its own is too stiff for \
                  a mass that sits on it or for a ball over a held node, or the inf-sup condition fails on this mesh; set \
                  time.scheme = \"newmark\", or take a finer mesh"
                     .into(),

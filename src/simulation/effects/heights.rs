@@ -254,9 +254,10 @@ fn laws(
             {
                 let ([x, y], key) = (bounded[bound].at, if law.is_some() { number } else { first });
                 let beside = number + first - key;
+                let law = scene.obstacles[key].compliance.map_or("rigid".into(), |of| of.law.to_string());
                 let [at, other] = [key, beside].map(|number| &scene.obstacles[number].position.0);
                 return Err(Error::Scene(format!(
-                    "{at}: obstacle.{key}.law: \"hertz\" needs a side of its node for itself, and obstacle.{beside} ({other}) \
+                    "{at}: obstacle.{key}.law: \"{law}\" needs a side of its node for itself, and obstacle.{beside} ({other}) \
                      is at ({x}, {y}) too; expected another place or side, or law = \"linear\""
                 )));
             }

@@ -340,7 +340,7 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
 fn serves(scheme: SchemeName, mass: Mass, obstacles: bool, yields: bool) -> Result<(), &'static str> {
     let scheme = scheme.capabilities();
     match mass {
-        _ if yields && !scheme.takes_laws => Err("it takes no stops by the law of Hertz"),
+        _ if yields && !scheme.takes_laws => Err("it takes no stops with laws of their own"),
         Mass::Consistent if scheme.needs_singular_mass.is_some() => Err("it needs the singular mass"),
         Mass::Consistent if obstacles && !scheme.bounces_with_consistent_mass => {
             Err("unstable in contact at every step with the consistent mass")
