@@ -4,12 +4,14 @@ use super::effects::BuildContext;
 use super::nodal_motion::NodalMotion;
 use super::stresses::{CurvaturesOfShape, PlateCurvatures};
 use crate::archive::Archive;
+use crate::assembly::RecoverySite;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::partition::Partition;
-use crate::plate::{Section, Sections};
+use crate::plate::Sections;
 use crate::stress::{Moments, PlateSurface};
+use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -42,7 +44,8 @@ type Place = ([f64; 2], usize);
 pub(super) struct StressSites {
     motion: Rc<NodalMotion>,
     curvatures: CurvaturesOfShape,
-    sections: Vec<Section>,
+    /// Stresses at the upper surface per curvature (w_xx, w_xy, w_yy), in N/m, one entry per site.
+    stress_per_curvature: Vec<Matrix3<f64>>,
     places: Vec<Place>,
     /// Sites of the nodes of each cell.
     cells: Vec<Vec<usize>>,
@@ -95,12 +98,15 @@ impl StressSites {
         for (cell, sites) in cells.iter().enumerate() {
             sites.iter().for_each(|&site| cell_of[site] = cell);
         }
-        let sections = sites.iter().zip(&cell_of);
-        let sections = sections.map(|(site, &cell)| body.section(cell, mesh.nodes[site.node]));
+        let stress = |(site, &cell): (&RecoverySite, &usize)| {
+            let section = body.section(cell, mesh.nodes[site.node])?;
+            Ok(section.moment_per_curvature() * section.stress_per_moment())
+        };
+        let stresses: Result<Vec<Matrix3<f64>>> = sites.iter().zip(&cell_of).map(stress).collect();
         Ok(Some(StressSites {
             motion: motion.clone(),
             curvatures: curvatures.of_shape(ground.partition),
-            sections: ground.comm().all_ok(sections.collect::<Result<_>>())?,
+            stress_per_curvature: ground.comm().all_ok(stresses)?,
             places: sites.iter().map(|site| (mesh.nodes[site.node].coords.into(), site.part)).collect(),
             cells,
         }))
@@ -110,10 +116,8 @@ impl StressSites {
     /// cells at an instant (s), in Pa. Collective.
     fn stresses(&self, u: &[f64], time: f64) -> Result<impl Iterator<Item = Moments>> {
         let curvatures = (self.curvatures)(&self.motion.at(u, time)?)?;
-        Ok(self.sections.iter().zip(curvatures).map(|(section, curvature)| {
-            let Moments { xx, yy, xy } = Moments::of_curvature(section, curvature);
-            // Stresses combine like moments.
-            let [xx, yy, xy] = [xx, yy, xy].map(|moment| section.stress_per_moment() * moment);
+        Ok(self.stress_per_curvature.iter().zip(curvatures).map(|(stress, curvature)| {
+            let [xx, yy, xy] = (stress * Vector3::from(curvature)).into();
             Moments { xx, yy, xy }
         }))
     }
