@@ -100,7 +100,7 @@ pub struct Laws {
 }
 
 impl Default for Laws {
-    /// Returns those of rigid bounds.
+    /// Returns the laws of rigid bounds.
     fn default() -> Laws {
         Laws { table: Arc::new([]), numbers: Vec::new(), rate: 1.0 }
     }

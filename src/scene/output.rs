@@ -22,11 +22,9 @@ table! {
         /// Snapshots of the plate; `None` costs nothing.
         fields: Option<Snapshots> = flat_if();
         /// The largest von Mises stress over *all* steps, with place and time, in `summary.json`,
-        /// and at each node in `extremes.vtu`. A step then takes longer by the time of 0.34
-        /// products with the stiffness matrix on 64x64 cells (`hct`: 0.23), of 0.52 on 20x8 (0.34)
-        /// and of 0.70 on 10x4 (0.42), and by up to 0.05 more where every node reaches a new peak;
-        /// with `time.mass = "modal"`, whose steps are cheaper than that, this is much. On several
-        /// ranks the cells' shares are added up besides.
+        /// and at each node in `extremes.vtu`. A step then takes longer by the time of three to six
+        /// products with the stiffness matrix; with `time.mass = "modal"`, whose steps are cheaper
+        /// than that, this is much. On several ranks the cells' shares are added up besides.
         extremes: bool = truth().says("largest stress over all steps").or_silent(false);
         /// Number of steps between checkpoints, from which `rebond resume` continues; by default a
         /// checkpoint is written only where a run is interrupted.
