@@ -87,9 +87,9 @@ report: setup ## write the report of the paper's plate, and check it in headless
 
 bench: setup ## time steps and their parts, effects, sweeps, other programs, more ranks; tables into docs/performance
 	$(call say,benchmarks)
-	@cargo bench --locked
+	@cargo bench --locked --bench effects --bench field
 	$(call say,steps)
-	@cargo bench --locked --bench step -- --report | tee docs/performance/steps.txt
+	@cargo bench --locked --bench step | tee docs/performance/steps.txt
 	$(call say,sweeps)
 	@scripts/sweep_speed.py --rounds 5 --before 46a1d2c | tee docs/performance/sweeps.txt
 	$(call say,other programs)

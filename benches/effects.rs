@@ -1,8 +1,8 @@
 //! Cost of effects: the time of a step with each effect, compared with that of the bare plate.
 //! Effects that a scene does not have must cost nothing.
 //!
-//! All scenes take turns of a few steps, so that other work on the machine slows them alike; the
-//! shortest of many turns counts. Set-up, output and PETSc are not covered.
+//! All scenes take turns; the median over the turns of the time relative to the bare plate's counts.
+//! Set-up, output and PETSc are not covered.
 
 use rebond::linalg::Engine;
 use rebond::scene::Scene;
@@ -11,14 +11,16 @@ use std::time::{Duration, Instant};
 
 #[path = "../tests/common/models.rs"]
 mod models;
+mod turns;
 use models::{CLAMPED, PAPER_PLATE};
+use turns::{Times, part};
 
 const MESHES: [&str; 2] = ["[10, 4]", "[40, 16]"];
 
 /// Meshes on which the stresses are measured.
 const STRESSED: [&str; 3] = ["[10, 4]", "[20, 8]", "[64, 64]"];
 
-/// Number of steps per turn.
+/// Number of watches of the stresses per turn.
 const STEPS: u32 = 16;
 
 /// Measuring time of each mesh, and that for a report, in which no time is a failure.
@@ -80,84 +82,78 @@ fn scene_text(element: &str, mesh: &str, more: &str) -> String {
 /// Prints the time of the stresses at all nodes at an instant, in units of a product with K: at one
 /// that brings no new peak, as most do, and at one that brings a new peak at every node.
 fn print_stress_costs(watch: Duration) {
-    println!("\n{:<24}{:>14}{:>14}   (time of a product with K = 1)", "extremes", "no new peak", "all new");
-    for (element, cells) in ["fvs", "hct"].into_iter().flat_map(|of| STRESSED.map(|cells| (of, cells))) {
+    println!("\n{:<30}{:>14}{:>14}   (time of a product with K = 1)", "extremes", "no new peak", "all new");
+    for (element, cells) in
+        ["fvs", "hct"].into_iter().flat_map(|element| STRESSED.map(|cells| (element, cells)))
+    {
         let text = scene_text(element, cells, "output = { extremes = true }");
         let model = Model::new(&parsed(&text)).expect("a sound model");
-        let (system, u) = (&model.system, &model.start.displacement);
+        let (engine, u) = (&model.system.engine, &model.start.displacement);
         let mut force = vec![0.0; u.len()];
-        let [mut product, mut usual, mut first] = [Duration::MAX; 3];
-        let mut seen = model.stress_watch().expect("a scene with extremes");
-        let clock = Instant::now();
-        while clock.elapsed() < watch {
-            let turn = Instant::now();
-            for _ in 0..STEPS {
-                system.engine.multiply(&system.stiffness, u, &mut force).expect("a product");
-            }
-            product = product.min(turn.elapsed());
-            let turn = Instant::now();
-            for _ in 0..STEPS {
-                seen.note(&system.engine, u, 0.0).expect("stresses");
-            }
-            usual = usual.min(turn.elapsed());
-            let mut new: Vec<_> = (0..STEPS).filter_map(|_| model.stress_watch()).collect();
-            let turn = Instant::now();
-            for unseen in &mut new {
-                unseen.note(&system.engine, u, 0.0).expect("stresses");
-            }
-            first = first.min(turn.elapsed());
-        }
-        let [usual, first] = [usual, first].map(|time| time.as_secs_f64() / product.as_secs_f64());
-        println!("{:<24}{usual:>14.2}{first:>14.2}", format!("{element} {cells}"));
+        let new = || model.stress_watch().expect("a scene with extremes");
+        let mut seen = new();
+        let mut unseen = Vec::new();
+        let mut parts = [
+            part("product", || engine.multiply(&model.system.stiffness, u, &mut force).expect("a product")),
+            part("no new peak", || seen.note(engine, u, 0.0).expect("stresses")),
+            (
+                "all new".to_owned(),
+                Box::new(|| {
+                    unseen.clear();
+                    unseen.extend((0..STEPS).map(|_| new()));
+                    let clock = Instant::now();
+                    unseen.iter_mut().for_each(|watch| watch.note(engine, u, 0.0).expect("stresses"));
+                    clock.elapsed().as_secs_f64() / f64::from(STEPS)
+                }),
+            ),
+        ];
+        let mut times = Times::default();
+        times.measure(&mut parts, watch);
+        println!(
+            "{:<30}{:>14.2}{:>14.2}",
+            format!("{element} {cells}"),
+            times.ratio(1, 0),
+            times.ratio(2, 0)
+        );
     }
+}
+
+/// Returns the times of a step with each effect on a mesh.
+fn times(mesh: &str, watch: Duration) -> Times {
+    let scenes = SCENES.map(|(_, more, _)| scene(mesh, more));
+    let models = scenes.each_ref().map(|scene| Model::new(scene).expect("a sound model"));
+    let steps = SCENES.iter().zip(&models).zip(&scenes).map(|(((name, more, _), model), scene)| {
+        let mut scheme = model.scheme(scene).expect("a sound start");
+        part(name, move || {
+            scheme.advance().expect("a sound step");
+            if more.contains("name") {
+                model.support_forces(scheme.as_mut()).expect("sound forces");
+            }
+        })
+    });
+    let mut times = Times::default();
+    times.measure(&mut steps.collect::<Vec<_>>(), watch);
+    times
 }
 
 fn main() {
     let is_report = std::env::args().any(|word| word == "--report");
     let watch = WATCH[usize::from(is_report)];
-    println!("{:<24}{:>14}{:>14}   (time of a step, in units of the bare plate's)", "", MESHES[0], MESHES[1]);
-    let columns = MESHES.map(|mesh| {
-        let scenes = SCENES.map(|(_, more, _)| scene(mesh, more));
-        let models: Vec<Model> =
-            scenes.iter().map(|scene| Model::new(scene).expect("a sound model")).collect();
-        let mut schemes: Vec<_> = models
-            .iter()
-            .zip(&scenes)
-            .map(|(model, scene)| model.scheme(scene).expect("a sound start"))
-            .collect();
-        let mut least = [f64::INFINITY; SCENES.len()];
-        let clock = Instant::now();
-        while clock.elapsed() < watch {
-            for ((scheme, model), (least, (_, more, _))) in
-                schemes.iter_mut().zip(&models).zip(least.iter_mut().zip(SCENES))
-            {
-                let is_named = more.contains("name");
-                let turn = Instant::now();
-                for _ in 0..STEPS {
-                    scheme.advance().expect("a sound step");
-                    if is_named {
-                        model.support_forces(scheme.as_mut()).expect("sound forces");
-                    }
-                }
-                *least = least.min(turn.elapsed().as_secs_f64());
-            }
-        }
-        least.map(|seconds| seconds / least[0])
-    });
-    for (row, (name, _, _)) in SCENES.iter().enumerate() {
-        println!("{name:<24}{:>14.3}{:>14.3}", columns[0][row], columns[1][row]);
+    println!("{:<30}{:>14}{:>14}   (time of a step, in units of the bare plate's)", "", MESHES[0], MESHES[1]);
+    let columns = MESHES.map(|mesh| times(mesh, watch));
+    let [coarse, fine] = columns.each_ref().map(|times| 1e6 * times.quartiles(0)[1]);
+    println!("{:<30}{coarse:>11.2} us{fine:>11.2} us", "bare");
+    let costs = |row: usize| columns.each_ref().map(|times| times.ratio(row, 0));
+    for (row, (name, ..)) in SCENES.iter().enumerate().skip(1) {
+        let [coarse, fine] = costs(row);
+        println!("{name:<30}{coarse:>14.3}{fine:>14.3}");
     }
-    let absent = |row: &usize| SCENES[*row].2;
-    let most =
-        columns.iter().flat_map(|column| (0..SCENES.len()).filter(absent).map(|row| column[row] - 1.0));
-    let most = most.fold(0.0, f64::max);
-    println!(
-        "\nabsent effects cost at most {:.1} % of a step; {:.0} % is the limit",
-        100.0 * most,
-        100.0 * NOTHING
-    );
+    let absent = (0..SCENES.len()).filter(|row| SCENES[*row].2);
+    let most = absent.flat_map(costs).fold(0.0, |most: f64, cost| most.max(cost - 1.0));
+    let (percent, limit) = (100.0 * most, 100.0 * NOTHING);
+    println!("\nabsent effects cost at most {percent:.1} % of a step; {limit:.0} % is the limit");
     // The bare plate is measured twice; the difference shows the noise of the machine.
-    let noise = columns.iter().map(|column| (column[1] - 1.0).abs()).fold(0.0, f64::max);
+    let noise = costs(1).into_iter().fold(0.0, |most: f64, cost| most.max((cost - 1.0).abs()));
     print_stress_costs(watch / 5);
     if noise > 0.5 * NOTHING {
         println!("the machine is too busy to judge: the same scene twice differs by {:.1} %", 100.0 * noise);

@@ -1,47 +1,55 @@
 //! Cost of a formula at the quadrature points of a 160x64 mesh, compared with the same formula
 //! written in Rust.
 
-use divan::{Bencher, black_box};
 use rebond::field::{Derivatives, Field, Names};
 use rebond::mesh::Point;
+use std::hint::black_box;
+use std::time::Duration;
+
+mod turns;
+use turns::{Part, Times, part};
 
 const POINTS: usize = 160 * 64 * 9;
 const FORMULAS: [&str; 3] = ["100*(1 - x)*y^2*t", "100*sin(2*pi*50*t)*(1 - x)", "sin(3*x - 50*t)*exp(-y^2)"];
 
-fn points() -> Vec<Point> {
-    (0..POINTS).map(|i| Point::new((i % 480) as f64 / 480.0, (i / 480) as f64 / 192.0)).collect()
-}
+const WATCH: Duration = Duration::from_secs(3);
 
-#[divan::bench(args = FORMULAS)]
-fn values(bencher: Bencher, text: &str) {
+/// Instant of the evaluations, in s.
+const TIME: f64 = 0.01;
+
+/// Returns the evaluation of values and of their time derivatives, and the compilation, of a formula.
+fn parts<'p>(text: &'p str, points: &'p [Point]) -> [Part<'p>; 3] {
     let field = Field::parse(text, Names::XYT).expect("a formula");
-    let (points, mut values) = (points(), vec![0.0; POINTS]);
-    bencher.bench_local(|| field.values(&points, black_box(0.01), &mut values));
-}
-
-#[divan::bench]
-fn values_in_rust(bencher: Bencher) {
-    let (points, mut values) = (points(), vec![0.0; POINTS]);
-    bencher.bench_local(|| {
-        let t = black_box(0.01);
-        for (value, at) in values.iter_mut().zip(&points) {
-            *value = (3.0 * at.x - 50.0 * t).sin() * (-at.y * at.y).exp();
-        }
-    });
-}
-
-#[divan::bench(args = FORMULAS)]
-fn jets(bencher: Bencher, text: &str) {
-    let field = Field::parse(text, Names::XYT).expect("a formula");
-    let (points, mut jets) = (points(), vec![Derivatives { value: 0.0, first: 0.0, second: 0.0 }; POINTS]);
-    bencher.bench_local(|| field.jets(&points, black_box(0.01), &mut jets));
-}
-
-#[divan::bench(args = FORMULAS)]
-fn parse(text: &str) -> Field {
-    Field::parse(text, Names::XYT).expect("a formula")
+    let (same, mut values) = (field.clone(), vec![0.0; POINTS]);
+    let mut jets = vec![Derivatives { value: 0.0, first: 0.0, second: 0.0 }; POINTS];
+    [
+        part(&format!("values of {text}"), move || {
+            field.values(points, black_box(TIME), &mut values).expect("finite values");
+        }),
+        part(&format!("jets of {text}"), move || {
+            same.jets(points, black_box(TIME), &mut jets).expect("finite values");
+        }),
+        part(&format!("parsing of {text}"), || Field::parse(text, Names::XYT).expect("a formula")),
+    ]
 }
 
 fn main() {
-    divan::main();
+    let points: Vec<Point> =
+        (0..POINTS).map(|i| Point::new((i % 480) as f64 / 480.0, (i / 480) as f64 / 192.0)).collect();
+    let mut values = vec![0.0; POINTS];
+    let in_rust = part(&format!("{} in Rust", FORMULAS[2]), || {
+        let t = black_box(TIME);
+        for (value, point) in values.iter_mut().zip(&points) {
+            *value = (3.0 * point.x - 50.0 * t).sin() * (-point.y * point.y).exp();
+        }
+        black_box(&values);
+    });
+    let mut parts: Vec<Part> = FORMULAS.iter().flat_map(|text| parts(text, &points)).collect();
+    parts.insert(0, in_rust);
+    let mut times = Times::default();
+    times.measure(&mut parts, WATCH);
+    println!("{:<44}{:>12}{:>8}", "", "median, us", "ratio");
+    for (k, (name, _)) in parts.iter().enumerate() {
+        println!("{name:<44}{:>12.2}{:>8.2}", 1e6 * times.quartiles(k)[1], times.ratio(k, 0));
+    }
 }
