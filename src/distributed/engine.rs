@@ -11,10 +11,11 @@ use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::dot;
 use crate::linalg::{
-    Engine, Form, LinearCombination, LinearMethod, LinearSolves, MOST_SPOILT, Native, RowCoupling,
-    precise_entries,
+    Engine, Form, Indefinite, LinearCombination, LinearMethod, LinearSolves, MOST_SPOILT, Native,
+    RowCoupling, precise_entries,
 };
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
+use faer::Mat;
 use std::borrow::Cow;
 use std::cell::Cell;
 use std::ops::Range;
@@ -385,9 +386,9 @@ impl Engine for Distributed {
         self.solves.get()
     }
 
-    /// Counts by the inertia of a factor L D L^T, which MUMPS computes; the options of this solver
-    /// have the prefix `count_`. Returns `None` where they choose no factorisation.
-    fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
+    /// Factors by MUMPS as L D L^T; the options of this solver have the prefix `count_`. Returns
+    /// `None` where they choose no factorisation.
+    fn factor_beyond(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<Indefinite>> {
         for name in COUNTING {
             self.context.default_option(&format!("{COUNT}{name}"), "1")?;
         }
@@ -400,7 +401,18 @@ impl Engine for Distributed {
         solver.set_from_options()?;
         solver.set_up()?;
         let [negative, _, _] = solver.inertia()?;
-        Ok(Some(negative))
+        let mut right = Vector::new(&self.context, Comm::World, self.own)?;
+        let mut solution = right.duplicate()?;
+        let solve = move |x: &mut Mat<f64>| {
+            for mut column in x.col_iter_mut() {
+                let column = column.as_mut().try_as_col_major_mut().expect("a dense column").as_slice_mut();
+                right.set_local(column)?;
+                solver.solve(&right, &mut solution)?;
+                solution.with_local(|values| column.copy_from_slice(values))?;
+            }
+            Ok(())
+        };
+        Ok(Some(Indefinite { negative, solve: Box::new(solve) }))
     }
 
     fn change_contact_dofs(

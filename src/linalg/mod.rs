@@ -109,7 +109,7 @@ const LOOKS: usize = 3;
 /// are collective: all ranks call them together.
 pub trait Engine: Sized {
     /// Factor of a weighted sum of forms.
-    type Factor: Factor;
+    type Factor: Factor + 'static;
     /// Communicator of the ranks that the vectors are distributed over.
     type Comm: Communicator;
 
@@ -282,13 +282,13 @@ pub trait Engine: Sized {
         LinearSolves::default()
     }
 
-    /// Counts the eigenvalues of `$K x = \lambda M x$` below sigma, with their multiplicity, as the
-    /// number of negative eigenvalues of `$K - \sigma M$` (Sylvester's law of inertia). Returns
-    /// `None` where the engine cannot count, which is the default.
+    /// Factors `$K - \sigma M$` and counts its negative eigenvalues: as many eigenvalues of
+    /// `$K x = \lambda M x$` lie below sigma, with their multiplicity (Sylvester's law of inertia).
+    /// Returns `None` where the engine cannot count, which is the default.
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
+    fn factor_beyond(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<Indefinite>> {
         let _ = (k, m, sigma);
         Ok(None)
     }
@@ -318,6 +318,17 @@ pub trait Engine: Sized {
         Ok(false)
     }
 }
+
+/// Factor of an indefinite matrix.
+pub struct Indefinite {
+    /// Number of negative eigenvalues.
+    pub negative: usize,
+    /// Solves one system per column in place. Collective.
+    pub solve: ColumnSolver,
+}
+
+/// Function that solves one system per column in place.
+pub type ColumnSolver = Box<dyn FnMut(&mut Mat<f64>) -> Result<()>>;
 
 /// Bounded dofs, ascending, with their lower and their upper bounds.
 #[derive(Debug, Clone, Copy)]

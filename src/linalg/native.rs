@@ -3,7 +3,8 @@
 use super::cholesky;
 use super::form::{self, Form};
 use super::{
-    Cholesky, ElementMatrix, Engine, LinearCombination, MOST_SPOILT, RowCoupling, SingularMassCell, vectors,
+    Cholesky, ElementMatrix, Engine, Indefinite, LinearCombination, MOST_SPOILT, RowCoupling,
+    SingularMassCell, vectors,
 };
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
@@ -433,8 +434,8 @@ impl Engine for Native {
         in_doubles(self.dofs(), sum, &[])
     }
 
-    fn count_below(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<usize>> {
-        cholesky::negative_eigenvalues(&assembled(self.dofs(), &(k + m * -sigma))?).map(Some)
+    fn factor_beyond(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<Indefinite>> {
+        cholesky::factor_indefinite(&assembled(self.dofs(), &(k + m * -sigma))?).map(Some)
     }
 }
 

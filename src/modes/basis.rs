@@ -68,7 +68,7 @@ pub struct ModalBasis {
     /// Number of systems of equations solved.
     pub solves: usize,
     /// Whether the inertia of `$K - \sigma M$` has confirmed that no mode is missing. An engine
-    /// that [cannot count](Engine::count_below) leaves this open. Modes of a cluster whose
+    /// that [cannot count](Engine::factor_beyond) leaves this open. Modes of a cluster whose
     /// squared frequencies differ relatively by less than 1e-9 are equal here, right to 1e-8,
     /// and none is missing below the cluster.
     pub is_complete: bool,
@@ -200,10 +200,11 @@ fn ritz_vectors<E: Engine>(
 ) -> Result<(Mat<f64>, bool)> {
     let mut look = modes.squares.len() + range.first_look();
     let expected = look + look / 4;
-    let begin = |inverse: &mut ShiftedInverse<E>| {
-        Krylov::new(inverse, &modes.shapes, &modes.squares, start.clone(), expected)
+    let mut known = (modes.shapes.clone(), modes.squares.clone());
+    let begin = |inverse: &mut ShiftedInverse<E>, (shapes, squares): &(Mat<f64>, Vec<f64>)| {
+        Krylov::new(inverse, shapes, squares, start.clone(), expected)
     };
-    let mut space = begin(inverse)?;
+    let mut space = begin(inverse, &known)?;
     loop {
         while space.size() < look && !space.is_exhausted() {
             space.expand(inverse)?;
@@ -211,15 +212,18 @@ fn ritz_vectors<E: Engine>(
         let pairs = space.ritz_pairs(inverse)?;
         let wanted = (range.wanted(&pairs.squares) + GUARDS).min(pairs.squares.len());
         if inverse.adapt(wanted.checked_sub(1).map_or(0.0, |last| pairs.squares[last]))? {
-            space = begin(inverse)?;
+            space = begin(inverse, &known)?;
             continue;
         }
         if space.is_exhausted() || pairs.converged >= range.wanted(&pairs.squares) + GUARDS {
             let is_whole = space.is_exhausted() && wanted == pairs.squares.len();
             return Ok((space.vectors(&pairs, wanted), is_whole));
         }
-        if wanted > 0 && inverse.approach(pairs.squares[0], pairs.squares[wanted - 1])? {
-            space = begin(inverse)?;
+        if let Some(below) = inverse.approach(&pairs.squares[..wanted], pairs.converged)? {
+            if below > 0 {
+                known = (space.vectors(&pairs, below), pairs.squares[..below].to_vec());
+            }
+            space = begin(inverse, &known)?;
             continue;
         }
         look = (space.size() as f64 * GROWTH) as usize + BLOCK;
@@ -313,8 +317,8 @@ impl RitzModes {
             columns.map(|j| dot(residuals.col_as_slice(j), corrections.col_as_slice(j))).collect();
         let sums = inverse.engine.comm().all_reduce_sum_slice(&products);
         let relative = |(sum, square): (&f64, &f64)| {
-            let distance = square + inverse.shift;
-            (sum.max(0.0) * distance).sqrt() / distance.max(*square)
+            let distance = (square + inverse.shift).abs();
+            (sum.abs() * distance).sqrt() / distance.max(*square)
         };
         self.residuals = sums.iter().zip(&self.squares).map(relative).collect();
         Ok(corrections)
@@ -331,7 +335,7 @@ impl RitzModes {
     ) -> Result<Option<usize>> {
         let ShiftedInverse { engine, stiffness, mass, .. } = *inverse;
         let Some((below, sigma)) = self.widest_gap(count, is_whole, inverse.shift) else { return Ok(None) };
-        let counted = engine.count_below(stiffness, mass, sigma)?;
+        let counted = engine.factor_beyond(stiffness, mass, sigma)?.map(|factor| factor.negative);
         // Orthonormal modes with small residuals exist: a lower count is rounding.
         Ok(counted.and_then(|counted| counted.checked_sub(below)))
     }

@@ -2,7 +2,7 @@
 
 use super::blocks::{multiply, random_block};
 use crate::error::{Error, Result};
-use crate::linalg::{Engine, Factor, Form};
+use crate::linalg::{ColumnSolver, Engine, Factor, Form};
 use faer::Mat;
 
 /// Shift for a mechanism, relative to the largest wanted eigenvalue, and the factor by which it may
@@ -25,10 +25,10 @@ const LEAST_DISTANCE: f64 = 1e-12;
 const NEARER: f64 = 0.1;
 const BACK: f64 = 10.0;
 
-/// Operator (K + s M)^-1. It is positive definite.
+/// Operator (K + s M)^-1. On what is orthogonal to the modes below -s it is positive definite.
 ///
-/// Where K belongs to a mechanism, s is positive. Where the wanted modes are a cluster, s is
-/// negative, and the eigenvalue -s lies below the cluster by about its spread. Elsewhere s = 0.
+/// Where K belongs to a mechanism, s is positive. Where the wanted modes, but for the lowest ones,
+/// are a cluster, s is negative, and -s lies below the cluster by about its spread. Elsewhere s = 0.
 pub(super) struct ShiftedInverse<'e, E: Engine> {
     pub engine: &'e E,
     pub stiffness: &'e Form,
@@ -38,7 +38,9 @@ pub(super) struct ShiftedInverse<'e, E: Engine> {
     pub shift: f64,
     /// Number of vectors solved for.
     pub solves: usize,
-    factor: E::Factor,
+    /// Number of modes below -s.
+    pub below: usize,
+    solver: ColumnSolver,
     least_shift: f64,
 }
 
@@ -60,8 +62,18 @@ impl<'e, E: Engine> ShiftedInverse<'e, E> {
                 return Err(Error::Singular("the structure has no stiffness or no mass".into()));
             }
         }
-        let factor = factor(engine, stiffness, mass, shift)?;
-        Ok(ShiftedInverse { engine, stiffness, mass, mechanism, shift, solves: 0, factor, least_shift })
+        let solver = solver(engine, stiffness, mass, shift)?;
+        Ok(ShiftedInverse {
+            engine,
+            stiffness,
+            mass,
+            mechanism,
+            shift,
+            solves: 0,
+            below: 0,
+            solver,
+            least_shift,
+        })
     }
 
     /// Factors again where the shift is far from the best one for the largest wanted eigenvalue.
@@ -69,46 +81,47 @@ impl<'e, E: Engine> ShiftedInverse<'e, E> {
     pub fn adapt(&mut self, largest_wanted: f64) -> Result<bool> {
         let best = (SHIFT * largest_wanted).max(self.least_shift);
         let near = self.shift <= SHIFT_DRIFT * best && best <= SHIFT_DRIFT * self.shift;
-        if !self.mechanism || near {
+        if !self.mechanism || near || self.shift < 0.0 {
             return Ok(false);
         }
-        self.factor = factor(self.engine, self.stiffness, self.mass, best)?;
+        self.solver = solver(self.engine, self.stiffness, self.mass, best)?;
         self.shift = best;
         Ok(true)
     }
 
-    /// Factors again with the shift just below the wanted eigenvalues, from the first to the last,
-    /// where these are a cluster, so that the inverse tells them apart like those of a plate
-    /// without bed. Returns whether it did. Collective.
+    /// Factors again with the shift just below a cluster among the wanted eigenvalues, given in
+    /// ascending order, so that the inverse tells its modes apart like those of a plate without bed.
+    /// The modes below the cluster, at most as many as in it, must be among the `converged` first. Returns their number
+    /// if it did. Collective.
     ///
-    /// The inertia proves that no eigenvalue lies below the shift, on engines that count.
-    pub fn approach(&mut self, first: f64, last: f64) -> Result<bool> {
-        let spread = last - first;
-        if self.mechanism || !(0.0..CLUSTER * first).contains(&spread) {
-            return Ok(false);
+    /// The inertia proves that no other eigenvalue lies below the shift, on engines that count.
+    pub fn approach(&mut self, wanted: &[f64], converged: usize) -> Result<Option<usize>> {
+        let Some(last) = wanted.last() else { return Ok(None) };
+        let below = wanted.partition_point(|square| last - square >= CLUSTER * square.abs());
+        let (first, spread) = (wanted[below], last - wanted[below]);
+        if below > converged || 2 * below > wanted.len() || spread < 0.0 {
+            return Ok(None);
         }
-        let [stiffness, mass] = [self.stiffness, self.mass];
-        let least = LEAST_DISTANCE * rayleigh_quotient(self.engine, stiffness, mass)?;
+        let least = LEAST_DISTANCE * rayleigh_quotient(self.engine, self.stiffness, self.mass)?;
         let mut distance = spread.max(least);
         while distance < NEARER * (first + self.shift) {
             let sigma = first - distance;
-            match self.engine.count_below(stiffness, mass, sigma)? {
-                None => return Ok(false),
-                Some(0) => {
-                    self.factor = factor(self.engine, stiffness, mass, -sigma)?;
-                    self.shift = -sigma;
-                    return Ok(true);
+            match self.engine.factor_beyond(self.stiffness, self.mass, sigma)? {
+                None => return Ok(None),
+                Some(factor) if factor.negative == below => {
+                    (self.shift, self.below, self.solver) = (-sigma, below, factor.solve);
+                    return Ok(Some(below));
                 }
                 Some(_) => distance *= BACK,
             }
         }
-        Ok(false)
+        Ok(None)
     }
 
     /// Solves (K + s M) X = B in place, one system per column. Collective.
     pub fn solve(&mut self, x: &mut Mat<f64>) -> Result<()> {
         self.solves += x.ncols();
-        self.factor.solve_columns(x)
+        (self.solver)(x)
     }
 }
 
@@ -118,7 +131,9 @@ fn rayleigh_quotient<E: Engine>(engine: &E, stiffness: &Form, mass: &Form) -> Re
     Ok(multiply(engine, stiffness, &x)?.1[0] / multiply(engine, mass, &x)?.1[0])
 }
 
-fn factor<E: Engine>(engine: &E, stiffness: &Form, mass: &Form, shift: f64) -> Result<E::Factor> {
+/// Returns the solver of K + s M, which is positive definite.
+fn solver<E: Engine>(engine: &E, stiffness: &Form, mass: &Form, shift: f64) -> Result<ColumnSolver> {
     let sum = if shift != 0.0 { stiffness + mass * shift } else { stiffness.into() };
-    engine.factor(&sum, &[])
+    let mut factor = engine.factor(&sum, &[])?;
+    Ok(Box::new(move |x| factor.solve_columns(x)))
 }

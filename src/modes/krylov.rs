@@ -200,8 +200,12 @@ impl Krylov {
     pub fn ritz_pairs<E: Engine>(&self, inverse: &ShiftedInverse<E>) -> Result<RitzPairs> {
         let size = self.size();
         let (values, vectors) = eigen(inverse.engine, self.projected.submatrix(0, 0, size, size))?;
-        let coordinates = vectors.reverse_cols().to_owned();
-        let values: Vec<f64> = values.into_iter().rev().collect();
+        // The modes below the shift have the negative values of largest magnitude.
+        let below = inverse.below.min(size);
+        let descending: Vec<usize> = (0..size).rev().collect();
+        let order = [&descending[size - below..], &descending[..size - below]].concat();
+        let coordinates = Mat::from_fn(size, size, |row, k| vectors[(row, order[k])]);
+        let values: Vec<f64> = order.iter().map(|&k| values[k]).collect();
         let coupling = self.projected.submatrix(
             self.last.start,
             self.previous.start,
@@ -209,12 +213,13 @@ impl Krylov {
             self.previous.len(),
         );
         let rest = product(coupling, coordinates.subrows(self.previous.start, self.previous.len()));
-        let largest = values.first().copied().unwrap_or(0.0);
+        let largest = values.iter().fold(0.0, |most: f64, value| most.max(*value));
         let enough = |(j, value): (usize, &f64)| {
             let bound = rest.col_as_slice(j).iter().map(|x| x * x).sum::<f64>().sqrt();
             // The eigenvalue of K x = lambda M x over its distance from the shift.
-            let nearness = 1.0 - inverse.shift * value;
-            *value > 0.0 && bound <= CONVERGED * value * (RESOLUTION * nearness).max(1.0) + ROUNDING * largest
+            let nearness = (1.0 - inverse.shift * value).abs();
+            let tolerance = CONVERGED * value.abs() * (RESOLUTION * nearness).max(1.0);
+            (*value > 0.0 || j < below) && bound <= tolerance + ROUNDING * largest
         };
         let converged = values.iter().enumerate().take_while(|pair| enough(*pair)).count();
         let squares = values.iter().map(|value| 1.0 / value - inverse.shift).collect();

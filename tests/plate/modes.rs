@@ -142,3 +142,35 @@ fn a_soft_sheet_on_a_stiff_bed_has_the_modes_of_the_free_sheet_above_those_of_th
         assert_eq!(lowest.len(), 6, "{thickness}");
     }
 }
+
+/// Whatever lies below the modes of a sheet on a stiff bed, these are found: the rigid motion of a
+/// ball, the motions of a ball on its stop, of a heavy mass or of a rib. `check` has its frequencies
+/// wherever the scene runs.
+#[test]
+fn what_is_heavy_on_a_stiff_bed_hides_no_modes_of_the_sheet() {
+    let bed = (1e9_f64 / (1000.0 * 5e-3)).sqrt() / std::f64::consts::TAU;
+    let ball = |more: &str| format!("ball = [{{ at = [0.5, 0.5], mass = 0.1, height = 1e-4{more} }}]\n");
+    let things = [
+        (ball(""), 1),
+        (ball(", stiffness = 1e5"), 1),
+        ("mass = [{ at = [0.5, 0.5], mass = 0.1 }]\n".to_owned(), 1),
+        ("rib = [{ line = [[0.25, 0.5], [0.75, 0.5]], bending = 1.0, mass = 1.0 }]\n".to_owned(), 0),
+    ];
+    for ((thing, below), mass) in
+        things.iter().flat_map(|thing| ["consistent", "singular"].map(|mass| (thing, mass)))
+    {
+        let text = format!(
+            "plate = {{ length = 1, width = 1, thickness = 5e-3, youngs_modulus = 5e6, poissons_ratio = 0.45, density = 1000 }}\n\
+             mesh = {{ element = \"fvs\", cells = [12, 12] }}\nfoundation = [{{ stiffness = 1e9 }}]\n{thing}\
+             time = {{ scheme = \"newmark\", mass = \"{mass}\", step = 1e-6, end = 1e-6 }}\n"
+        );
+        let scene = Scene::from_str(&text, "bed.toml", &[]).unwrap();
+        let lowest = study::check(&scene).unwrap().frequencies.lowest;
+        println!("{thing} {mass} {lowest:?} bed {bed}");
+        assert_eq!(lowest.len(), 6, "{thing} {mass}");
+        assert!(
+            lowest[..*below].iter().all(|frequency| *frequency < 0.9 * bed),
+            "{thing} {mass}: {lowest:?}"
+        );
+    }
+}

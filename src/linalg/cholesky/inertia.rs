@@ -1,20 +1,22 @@
-//! Number of negative eigenvalues of an indefinite sparse matrix.
+//! Factor of an indefinite sparse matrix, which counts its negative eigenvalues.
 
 use super::ordering::{analyse, analysis_failed, elimination_order};
 use super::size::{Size, require};
 use super::{no_memory, supernodes};
 use crate::error::Result;
+use crate::linalg::Indefinite;
 use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::perm::PermRef;
 use faer::sparse::SparseColMat;
-use faer::{Par, Side, Spec};
+use faer::sparse::linalg::cholesky::IntranodeLbltRef;
+use faer::{Conj, Mat, Par, Side, Spec};
 
-/// Returns the number of negative eigenvalues of the symmetric matrix with the given lower
-/// triangle, from a factor `$L D L^T$` with pivots chosen inside the supernodes (Bunch and Kaufman
-/// 1977).
+/// Factors the symmetric matrix with the given lower triangle as `$L D L^T$`, with pivots chosen
+/// inside the supernodes (Bunch and Kaufman 1977).
 ///
 /// # Errors
 /// Returns [`crate::Error::Memory`] where the factor does not fit.
-pub(in crate::linalg) fn negative_eigenvalues(matrix: &SparseColMat<usize, f64>) -> Result<usize> {
+pub(in crate::linalg) fn factor_indefinite(matrix: &SparseColMat<usize, f64>) -> Result<Indefinite> {
     let dofs = matrix.nrows();
     let order = elimination_order(matrix, &[])?;
     let symbolic = analyse(matrix, &order)?;
@@ -53,7 +55,15 @@ pub(in crate::linalg) fn negative_eigenvalues(matrix: &SparseColMat<usize, f64>)
             }
         }
     }
-    Ok(negative)
+    let solve = move |x: &mut Mat<f64>| {
+        let pivots = PermRef::new_checked(&forward, &inverse, dofs);
+        let factor = IntranodeLbltRef::new(&symbolic, &values, &off_diagonal, pivots);
+        let scratch = symbolic.solve_in_place_scratch::<f64>(x.ncols(), Par::Seq);
+        let mut memory = MemBuffer::try_new(scratch).map_err(|_| no_memory(dofs))?;
+        factor.solve_in_place_with_conj(Conj::No, x.as_mut(), Par::Seq, MemStack::new(&mut memory));
+        Ok(())
+    };
+    Ok(Indefinite { negative, solve: Box::new(solve) })
 }
 
 /// Returns the number of negative eigenvalues of a symmetric 2 x 2 matrix.
@@ -64,15 +74,20 @@ fn negative_of_two(first: f64, coupling: f64, second: f64) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::negative_eigenvalues;
+    use super::factor_indefinite;
+    use faer::Mat;
     use faer::sparse::{SparseColMat, Triplet};
 
     /// Entry 0 on the diagonal, with which a factor without pivots would fail.
     #[test]
-    fn an_indefinite_matrix_is_counted() {
+    fn an_indefinite_matrix_is_counted_and_solved() {
         let entries = [(0, 0, 0.0), (1, 0, 1.0), (1, 1, 0.0), (2, 2, -3.0), (3, 2, 1.0), (3, 3, 5.0)];
         let triplets = entries.map(|(row, column, value)| Triplet::new(row, column, value));
         let matrix = SparseColMat::try_new_from_triplets(4, 4, &triplets).unwrap();
-        assert_eq!(negative_eigenvalues(&matrix).unwrap(), 2);
+        let mut factor = factor_indefinite(&matrix).unwrap();
+        assert_eq!(factor.negative, 2);
+        let mut x = Mat::from_fn(4, 1, |row, _| [2.0, 1.0, 1.0, 23.0][row]);
+        (factor.solve)(&mut x).unwrap();
+        (0..4).for_each(|row| assert!((x[(row, 0)] - [1.0, 2.0, 1.0, 4.0][row]).abs() < 1e-14, "{x:?}"));
     }
 }

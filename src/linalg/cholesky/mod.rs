@@ -21,7 +21,7 @@ use faer::linalg::cholesky::llt::factor::LltRegularization;
 use faer::sparse::linalg::cholesky::SymbolicCholesky;
 use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use faer::{Mat, Par, Side};
-pub(super) use inertia::negative_eigenvalues;
+pub(super) use inertia::factor_indefinite;
 use ordering::{analyse, analysis_failed, elimination_order};
 use pulp::Arch;
 use size::Size;
