@@ -45,7 +45,8 @@ impl Derivatives {
         }
     }
 
-    fn times(self, other: Derivatives) -> Derivatives {
+    /// Returns the product.
+    pub fn times(self, other: Derivatives) -> Derivatives {
         let (u, v) = (self, other);
         Derivatives {
             value: u.value * v.value,

@@ -14,42 +14,34 @@ use crate::mesh::Point;
 pub struct FieldInput {
     /// Key that gives the field, for messages.
     pub key: String,
-    /// Value of the field.
-    pub value: Value,
+    /// Number or formula; beside a table, of x and y only.
+    pub formula: Field,
+    /// Table of measured values over time, which multiplies the formula.
+    pub table: Option<MeasuredTable>,
 }
 
-/// Value of a [`FieldInput`].
+/// Table of measured values over time, and where it was found.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Value {
-    /// Number or formula.
-    Formula(Field),
-    /// Table of measured values over time.
-    Table {
-        /// File name as the scene writes it.
-        file: String,
-        /// Path where the file was found.
-        path: String,
-        /// Interpolation between the rows.
-        interpolation: Interpolation,
-        /// Rows of the table.
-        table: Table,
-        /// Formula of x and y that multiplies the table.
-        shape: Field,
-    },
+pub struct MeasuredTable {
+    /// File name as the scene writes it.
+    pub file: String,
+    /// Path where the file was found.
+    pub path: String,
+    /// Interpolation between the rows.
+    pub interpolation: Interpolation,
+    /// Rows of the table.
+    pub rows: Table,
 }
 
 impl FieldInput {
-    /// Creates a constant field.
-    pub fn constant(key: &str, value: f64) -> FieldInput {
-        FieldInput { key: key.into(), value: Value::Formula(value.into()) }
+    /// Creates the field of a formula.
+    pub fn new(key: &str, formula: impl Into<Field>) -> FieldInput {
+        FieldInput { key: key.into(), formula: formula.into(), table: None }
     }
 
     /// Returns the number if the field is a constant formula.
     pub fn number(&self) -> Option<f64> {
-        match &self.value {
-            Value::Formula(field) => field.constant(),
-            Value::Table { .. } => None,
-        }
+        self.lone_formula()?.constant()
     }
 
     /// Returns whether the field is the number zero, which counts as absent.
@@ -57,43 +49,39 @@ impl FieldInput {
         self.number() == Some(0.0)
     }
 
+    /// Returns the formula that gives the whole field; `None` beside a table.
+    pub fn lone_formula(&self) -> Option<&Field> {
+        self.table.is_none().then_some(&self.formula)
+    }
+
     /// Returns the field whose clock starts at an instant (s) of this one.
     pub fn from_time(&self, start: f64) -> FieldInput {
-        let mut later = self.clone();
-        match &mut later.value {
-            Value::Formula(field) => *field = field.from_time(start),
-            Value::Table { table, .. } => *table = table.from_time(start),
-        }
+        let mut later = FieldInput { formula: self.formula.from_time(start), ..self.clone() };
+        later.table.iter_mut().for_each(|table| table.rows = table.rows.from_time(start));
         later
     }
 
     /// Returns whether the field may change with time.
     pub fn changes(&self) -> bool {
-        match &self.value {
-            Value::Formula(field) => field.depends_on(Names::T),
-            Value::Table { .. } => true,
-        }
+        self.table.is_some() || self.formula.depends_on(Names::T)
     }
 
     /// Returns whether the field is independent of the place.
     pub fn is_even(&self) -> bool {
-        match &self.value {
-            Value::Formula(field) => !field.depends_on(Names::XY),
-            Value::Table { shape, .. } => !shape.depends_on(Names::XY),
-        }
+        !self.formula.depends_on(Names::XY)
+    }
+
+    /// Returns the factor on the formula at a time (s): 1 without a table.
+    fn factor(&self, t: f64) -> f64 {
+        self.table.as_ref().map_or(1.0, |table| table.rows.value(t))
     }
 
     /// Returns the value at a place (m) and a time (s).
     ///
     /// # Errors
     /// Returns [`Error::Scene`] naming the key where the formula has no finite value.
-    pub fn at(&self, at: Point, t: f64) -> Result<f64> {
-        match &self.value {
-            Value::Formula(field) => field.value(at, t).map_err(|fault| self.fault(&fault)),
-            Value::Table { table, shape, .. } => {
-                Ok(table.value(t) * shape.value(at, t).map_err(|fault| self.fault(&fault))?)
-            }
-        }
+    pub fn at(&self, place: Point, t: f64) -> Result<f64> {
+        Ok(self.factor(t) * self.checked(self.formula.value(place, t))?)
     }
 
     /// Returns the value and the slopes along x and y at a place (m), at time 0.
@@ -101,12 +89,8 @@ impl FieldInput {
     /// # Errors
     /// Returns the errors of [`FieldInput::at`], and [`Error::Scene`] where the formula is not
     /// smooth.
-    pub fn gradient(&self, at: Point) -> Result<[f64; 3]> {
-        let of = |field: &Field| field.gradient(at, 0.0).map_err(|fault| self.fault(&fault));
-        match &self.value {
-            Value::Formula(field) => of(field),
-            Value::Table { table, shape, .. } => Ok(of(shape)?.map(|value| table.value(0.0) * value)),
-        }
+    pub fn gradient(&self, place: Point) -> Result<[f64; 3]> {
+        Ok(self.checked(self.formula.gradient(place, 0.0))?.map(|value| self.factor(0.0) * value))
     }
 
     /// Writes the values at a time (s), one per place (m).
@@ -114,14 +98,11 @@ impl FieldInput {
     /// # Errors
     /// Returns the errors of [`FieldInput::at`].
     pub fn values(&self, points: &[Point], t: f64, values: &mut [f64]) -> Result<()> {
-        match &self.value {
-            Value::Formula(field) => field.values(points, t, values).map_err(|fault| self.fault(&fault)),
-            Value::Table { table, shape, .. } => {
-                shape.values(points, t, values).map_err(|fault| self.fault(&fault))?;
-                scale(table.value(t), values);
-                Ok(())
-            }
+        self.checked(self.formula.values(points, t, values))?;
+        if self.table.is_some() {
+            scale(self.factor(t), values);
         }
+        Ok(())
     }
 
     /// Returns the value of a field without dependence on place, with two derivatives in time (s).
@@ -130,51 +111,36 @@ impl FieldInput {
     /// Returns the errors of [`FieldInput::at`], and [`Error::Scene`] where the formula is not
     /// smooth.
     pub fn jet(&self, t: f64) -> Result<Derivatives> {
-        match &self.value {
-            Value::Formula(field) => field.jet(Point::origin(), t).map_err(|fault| self.fault(&fault)),
-            Value::Table { table, shape, .. } => {
-                let scale = shape.value(Point::origin(), t).map_err(|fault| self.fault(&fault))?;
-                let Derivatives { value, first, second } = table.jet(t);
-                Ok(Derivatives { value: scale * value, first: scale * first, second: scale * second })
-            }
-        }
+        let jet = self.checked(self.formula.jet(Point::origin(), t))?;
+        Ok(self.table.as_ref().map_or(jet, |table| table.rows.jet(t).times(jet)))
     }
 
     /// Finds kinks and jumps at a place (m) up to an instant (s) in at most `looks` evaluations.
     ///
     /// See [`Field::breaks`].
-    pub fn breaks(&self, at: Point, end: f64, looks: usize) -> Breaks {
-        match &self.value {
-            Value::Formula(field) => field.breaks(at, 0.0, end, looks),
-            Value::Table { table, .. } => table.breaks(0.0, end),
+    pub fn breaks(&self, place: Point, end: f64, looks: usize) -> Breaks {
+        match &self.table {
+            Some(table) => table.rows.breaks(0.0, end),
+            None => self.formula.breaks(place, 0.0, end, looks),
         }
     }
 
     /// Returns bounds on the values at a place (m) between two instants (s).
-    pub fn range(&self, at: Point, from: f64, to: f64) -> Interval {
-        match &self.value {
-            Value::Formula(field) => field.range(at, from, to),
-            Value::Table { table, shape, .. } => table.range(from, to).times(shape.range(at, from, to)),
-        }
+    pub fn range(&self, place: Point, from: f64, to: f64) -> Interval {
+        let range = self.formula.range(place, from, to);
+        self.table.as_ref().map_or(range, |table| table.rows.range(from, to).times(range))
     }
 
     /// Splits the field into a sum of products g(t) h(x, y), if it has such a form.
     ///
     /// Each pair is g and h, with the name of the key.
     pub fn terms(&self) -> Option<Vec<[FieldInput; 2]>> {
-        let part = |field| FieldInput { key: self.key.clone(), value: Value::Formula(field) };
-        match &self.value {
-            Value::Formula(field) => {
-                Some(field.terms()?.into_iter().map(|term| [part(term.time), part(term.place)]).collect())
-            }
-            Value::Table { shape, .. } => {
-                let mut time = self.clone();
-                if let Value::Table { shape, .. } = &mut time.value {
-                    *shape = 1.0.into();
-                }
-                Some(vec![[time, part(shape.clone())]])
-            }
+        let part = |formula| FieldInput::new(&self.key, formula);
+        if self.table.is_some() {
+            let time = FieldInput { formula: 1.0.into(), ..self.clone() };
+            return Some(vec![[time, part(self.formula.clone())]]);
         }
+        Some(self.formula.terms()?.into_iter().map(|term| [part(term.time), part(term.place)]).collect())
     }
 
     /// Splits a field of time alone into a law and the number that multiplies it.
@@ -187,38 +153,21 @@ impl FieldInput {
         (self.clone(), 1.0)
     }
 
-    /// Returns the formula, if the field is one.
-    pub fn formula(&self) -> Option<&Field> {
-        match &self.value {
-            Value::Formula(field) => Some(field),
-            Value::Table { .. } => None,
-        }
-    }
-
-    /// Returns the formula of place and the factor that multiplies it at a time (s).
-    fn place(&self, t: f64) -> (&Field, f64) {
-        match &self.value {
-            Value::Formula(field) => (field, 1.0),
-            Value::Table { table, shape, .. } => (shape, table.value(t)),
-        }
-    }
-
     /// Returns whether a quadrature rule of degree 6 integrates the load of this field exactly.
     ///
     /// This holds for polynomials of degree 3 or less in x and y.
     pub fn is_low(&self) -> bool {
-        self.place(0.0).0.degree().is_some_and(|degree| degree <= 3)
+        self.formula.degree().is_some_and(|degree| degree <= 3)
     }
 
     /// Returns whether the field is a polynomial in x and y.
     pub fn is_polynomial(&self) -> bool {
-        self.place(0.0).0.degree().is_some()
+        self.formula.degree().is_some()
     }
 
     /// Encloses the values over the rectangle between two corners (m) and between two times (s).
     pub fn enclose(&self, low: Point, high: Point, t: Interval) -> Enclosure<3> {
-        let (field, factor) = self.place(t.low);
-        field.enclose(low, high, t).scaled(factor)
+        self.formula.enclose(low, high, t).scaled(self.factor(t.low))
     }
 
     /// Freezes the field at a time (s), for integration over the plate.
@@ -226,9 +175,9 @@ impl FieldInput {
         Still { given: self, t }
     }
 
-    /// Creates the error of a formula, with the key.
-    fn fault(&self, fault: &ParseError) -> Error {
-        Error::Scene(format!("{}: {fault}", self.key))
+    /// Adds the key to the error of a formula.
+    fn checked<T>(&self, result: std::result::Result<T, ParseError>) -> Result<T> {
+        result.map_err(|fault| Error::Scene(format!("{}: {fault}", self.key)))
     }
 }
 
@@ -249,7 +198,7 @@ impl Integrand for Still<'_> {
     }
 
     fn side(&self, at: Point) -> u64 {
-        self.given.place(self.t).0.side(at, self.t)
+        self.given.formula.side(at, self.t)
     }
 }
 
@@ -277,7 +226,7 @@ impl Integrand for Vec<Still<'_>> {
 /// Region of the plate.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Region {
-    /// WholeNumber plate.
+    /// Whole plate.
     All,
     /// Region where a condition on x and y holds.
     Where(Condition),

@@ -60,7 +60,7 @@ pub struct StartFrom {
 const REPLACED: [&str; 4] = ["static_pressure", "equilibrium", "deflection", "velocity"];
 
 fn zero(name: &str) -> FieldInput {
-    FieldInput::constant(&join("initial", name), 0.0)
+    FieldInput::new(&join("initial", name), 0.0)
 }
 
 /// Refuses starts that contradict each other.

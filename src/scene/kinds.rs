@@ -2,7 +2,7 @@
 
 use super::document::{Document, Value, join, quote, spell};
 use super::entry::{Kind, Range, Schema, Table as _, object, table};
-use super::given::{self, FieldInput};
+use super::given::{FieldInput, MeasuredTable};
 use super::words::Choice;
 use crate::error::{Error, Result};
 use crate::field::{Condition, Field, Interpolation, Names, Parameters, Table, check_parameter};
@@ -97,28 +97,22 @@ impl Kind<f64> {
         let (expected, comment, unit, range) =
             (self.expected.clone(), self.comment.clone(), self.unit, self.range);
         let takes_tables = names.meets(Names::T);
-        let read = move |doc: &Document, key: &str| {
-            let value = match doc.value(key) {
-                Some(Value::Text(text)) => given::Value::Formula(formula(doc, key, text, names, &self)?),
-                Some(Value::Table(_)) if takes_tables => over_time(doc, key, names)?,
-                Some(Value::Integer(_) | Value::Float(_)) => {
-                    given::Value::Formula(doc.required(key, &self)?.into())
-                }
-                other => return Err(doc.unfit(key, other, format!("{}, or a formula", self.expected))),
-            };
-            Ok(FieldInput { key: key.to_owned(), value })
+        let read = move |doc: &Document, key: &str| match doc.value(key) {
+            Some(Value::Text(text)) => Ok(FieldInput::new(key, formula(doc, key, text, names, &self)?)),
+            Some(Value::Table(_)) if takes_tables => over_time(doc, key, names),
+            Some(Value::Integer(_) | Value::Float(_)) => Ok(FieldInput::new(key, doc.required(key, &self)?)),
+            other => Err(doc.unfit(key, other, format!("{}, or a formula", self.expected))),
         };
         let schema = move || {
             let plain = of_number(json!(["number", "string"]), range);
             if takes_tables { object([("anyOf", json!([plain, OverTime::keys().schema()]))]) } else { plain }
         };
-        let write = |given: &FieldInput, found: bool| match &given.value {
-            given::Value::Formula(field) => field_text(field),
-            given::Value::Table { file, path, interpolation, shape, .. } => {
-                let file = string(if found { path } else { file });
-                let (interpolation, shape) = (string(interpolation.word()), field_text(shape));
-                format!("{{ table = {file}, interpolation = {interpolation}, times = {shape} }}")
-            }
+        let write = |given: &FieldInput, found: bool| {
+            let formula = field_text(&given.formula);
+            let Some(MeasuredTable { file, path, interpolation, .. }) = &given.table else { return formula };
+            let file = string(if found { path } else { file });
+            let interpolation = string(interpolation.word());
+            format!("{{ table = {file}, interpolation = {interpolation}, times = {formula} }}")
         };
         Kind { unit, ..Kind::new(expected, schema, read, write).says(comment) }
     }
@@ -149,7 +143,7 @@ table! {
         interpolation: Interpolation = word();
         /// Factor on the values: a number, or a formula of x and y where the key takes such
         /// formulas.
-        times: FieldInput = factor().field(Names::XY).or(FieldInput::constant("", 1.0));
+        times: FieldInput = factor().field(Names::XY).or(FieldInput::new("", 1.0));
     }
 }
 
@@ -158,20 +152,20 @@ fn factor() -> Kind<f64> {
 }
 
 /// Reads a table of values over time.
-fn over_time(doc: &Document, key: &str, names: Names) -> Result<given::Value> {
+fn over_time(doc: &Document, key: &str, names: Names) -> Result<FieldInput> {
     doc.allow(key, OverTime::keys())?;
     let times = join(key, "times");
     if let (Some(Value::Text(text)), false) = (doc.value(&times), names.meets(Names::XY)) {
         formula(doc, &times, text, Names::NONE, &factor())?;
     }
     let OverTime { table: file, interpolation, times } = OverTime::read(doc, key)?;
-    let given::Value::Formula(shape) = times.value else { unreachable!("a field of place is a formula") };
     let path = doc.beside(&file);
-    let table = Table::read(Path::new(&path), interpolation).map_err(|error| match error {
+    let rows = Table::read(Path::new(&path), interpolation).map_err(|error| match error {
         Error::Io { .. } => doc.fault(&join(key, "table"), error),
         other => other,
     })?;
-    Ok(given::Value::Table { file, path, interpolation, table, shape })
+    let table = Some(MeasuredTable { file, path, interpolation, rows });
+    Ok(FieldInput { key: key.to_owned(), table, ..times })
 }
 
 impl Document<'_> {
@@ -215,7 +209,7 @@ pub(super) fn word<T: Choice>() -> Kind<T> {
     Kind::new(expected, schema, read, |value: &T, _| string(value.word())).says(comment)
 }
 
-/// WholeNumber number of at least `least`.
+/// Whole number of at least `least`.
 pub(super) fn count<N: WholeNumber>(what: &str, least: u32) -> Kind<N> {
     let expected = format!("expected {what} of at least {least}");
     let wanted = expected.clone();
@@ -228,7 +222,7 @@ pub(super) fn count<N: WholeNumber>(what: &str, least: u32) -> Kind<N> {
     Kind::new(expected, schema, read, |value: &N, _| value.to_string())
 }
 
-/// WholeNumber number in memory.
+/// Whole number in memory.
 pub(super) trait WholeNumber: Copy + PartialEq + Display + 'static {
     /// Converts a count, or returns the largest number of the type.
     fn saturated(count: u64) -> Self;

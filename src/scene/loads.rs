@@ -42,7 +42,7 @@ fn no_pressure(doc: &Document) -> Result<FieldInput> {
     if doc.get("load.gravity").is_none() && doc.entries("load.force", "")? == 0 {
         return Err(doc.missing(key, "expected a pressure in Pa"));
     }
-    Ok(FieldInput::constant(key, 0.0))
+    Ok(FieldInput::new(key, 0.0))
 }
 
 impl Load {

@@ -66,7 +66,7 @@ pub use contents::{Scene, schema, unit};
 pub use damping::Damping;
 use document::Document;
 use entry::{SceneText, Table};
-pub use given::{FieldInput, Region, Still, Value};
+pub use given::{FieldInput, MeasuredTable, Region, Still};
 pub use initial::{Initial, StartFrom};
 pub use loads::{Force, Load};
 pub use mesh::{Grid, MeshFile};
@@ -180,11 +180,8 @@ impl Scene {
     /// The hash covers [`Scene::written`] and the state that the run starts from, and is the same
     /// on every machine.
     pub fn hash(&self) -> String {
-        let values = |given: &FieldInput| match &given.value {
-            Value::Table { table, .. } => format!("{table:?}\n"),
-            Value::Formula(_) => String::new(),
-        };
-        let values: String = self.of_time().map(values).collect();
+        let tables = self.of_time().filter_map(|given| given.table.as_ref());
+        let values: String = tables.map(|table| format!("{:?}\n", table.rows)).collect();
         let start = self.initial.from.as_ref().map_or(String::new(), |from| format!("{:?}\n", from.motion));
         format!("{:016x}", hash::fnv1a((self.written() + &values + &start).into_bytes()))
     }

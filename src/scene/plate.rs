@@ -137,7 +137,7 @@ fn checked(material: Material, doc: &Document, table: &str) -> Result<(Plate, Op
 fn material_keys((plate, thickness): &(Plate, Option<FieldInput>)) -> Material {
     let Plate { youngs_modulus, poissons_ratio, density, orthotropy, .. } = *plate;
     Material {
-        thickness: thickness.clone().unwrap_or_else(|| FieldInput::constant("", plate.thickness)),
+        thickness: thickness.clone().unwrap_or_else(|| FieldInput::new("", plate.thickness)),
         youngs_modulus,
         poissons_ratio,
         density,

@@ -3,7 +3,6 @@
 use super::SweepOrder;
 use super::document::{Document, join, quote};
 use super::entry::{Kind, table};
-use super::given::Value;
 use super::kinds::{count, field_text, of_text, positive, string, truth, word};
 use crate::error::{Result, suggestion};
 use crate::field::{Field, Names};
@@ -94,8 +93,8 @@ fn period() -> Kind<Field> {
     let kind =
         positive("the period of the drive in s, or a formula of the parameters", "").field(Names::NONE);
     let (expected, read, schema) = (kind.expected, kind.read, kind.schema);
-    let read = move |doc: &Document, key: &str| match read(doc, key)?.value {
-        Value::Formula(field) if field.constant().is_some_and(|period| period > 0.0) => Ok(field),
+    let read = move |doc: &Document, key: &str| match read(doc, key)?.formula {
+        field if field.constant().is_some_and(|period| period > 0.0) => Ok(field),
         _ => Err(doc.fault(key, "is not positive; expected a period in s greater than 0")),
     };
     let write = |period: &Field, _| {

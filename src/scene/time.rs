@@ -2,7 +2,7 @@
 
 use super::document::{Document, join, spell};
 use super::entry::{Kind, table, via};
-use super::given::{FieldInput, Value};
+use super::given::FieldInput;
 use super::kinds::{count, positive, within, word};
 use super::{Mass, Massless, SchemeName, SchemeSpec};
 use crate::error::Result;
@@ -123,13 +123,9 @@ impl FieldInput {
     /// Returns where steps miss most of the field less a constant, at a place (m); see
     /// [`Field::missed`](crate::field::Field::missed).
     pub fn missed(&self, at: Point, less: f64, time: &Time) -> Option<Missed> {
-        match &self.value {
-            Value::Formula(field) => field.missed(at, less, time.step, time.steps()),
-            Value::Table { table, shape, .. } => {
-                let scale = shape.value(at, 0.0).ok()?;
-                table.missed(less / scale, time.step, time.steps())
-            }
-        }
+        let (step, steps) = (time.step, time.steps());
+        let Some(table) = &self.table else { return self.formula.missed(at, less, step, steps) };
+        table.rows.missed(less / self.formula.value(at, 0.0).ok()?, step, steps)
     }
 }
 

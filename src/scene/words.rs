@@ -100,7 +100,7 @@ words! {
         FirstImpact = "first_impact",
         /// Motion up to the second impact, which includes the effect of the first.
         SecondImpact = "second_impact",
-        /// WholeNumber run.
+        /// Whole run.
         #[default]
         End = "end",
     }

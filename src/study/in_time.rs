@@ -3,7 +3,7 @@
 use crate::field::{Interpolation, WINDOW};
 use crate::mesh::Point;
 use crate::output::text::significant;
-use crate::scene::{FieldInput, Load, Scene, Value};
+use crate::scene::{FieldInput, Load, Scene};
 
 /// Number of places at which fields that depend on place and time are sampled.
 const PLACES: usize = 9;
@@ -75,8 +75,8 @@ fn worst<'g>(
 
 /// Returns the warning of a spline that overshoots the values of its table.
 fn overshoot(given: &FieldInput, end: f64) -> Option<String> {
-    let Value::Table { table, interpolation: Interpolation::Spline, .. } = &given.value else { return None };
-    let beyond = table.overshoot().filter(|beyond| beyond.share > BEYOND && beyond.time < end)?;
+    let spline = given.table.as_ref().filter(|table| table.interpolation == Interpolation::Spline)?;
+    let beyond = spline.rows.overshoot().filter(|beyond| beyond.share > BEYOND && beyond.time < end)?;
     Some(format!(
         "{}: at t = {} s the spline goes to {}, beyond the table's values by {} of their range: give more rows, or take \
          interpolation = \"linear\"",

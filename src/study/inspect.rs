@@ -152,7 +152,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mut model = Model::new(&native);
     let no_start = mechanism.is_some() && is_static && matches!(model, Err(Error::Singular(_)));
     if no_start {
-        native.initial.static_pressure = FieldInput::constant("initial.static_pressure", 0.0);
+        native.initial.static_pressure = FieldInput::new("initial.static_pressure", 0.0);
         native.initial.equilibrium = false;
         model = Model::new(&native);
     }

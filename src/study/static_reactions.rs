@@ -58,7 +58,7 @@ fn at_rest(scene: &Scene) -> Option<Scene> {
         (true, true) => {}
         (false, false) => {
             still.load = Some(Load { pressure, gravity: 0.0, forces: Vec::new() });
-            still.initial.static_pressure = FieldInput::constant("initial.static_pressure", 0.0);
+            still.initial.static_pressure = FieldInput::new("initial.static_pressure", 0.0);
             still.initial.equilibrium = true;
         }
         _ => return None,

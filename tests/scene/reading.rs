@@ -171,7 +171,7 @@ fn every_key_is_read() {
     assert_eq!(scene.mesh.element, ElementKind::Hct);
     assert_eq!((scene.mesh.cells, scene.mesh.refine), ([10, 4], 2));
     assert_eq!(scene.supports[1], support("top", SupportKind::SimplySupported));
-    let height = FieldInput::constant("obstacle.0.height", -0.1);
+    let height = FieldInput::new("obstacle.0.height", -0.1);
     assert_eq!(
         scene.obstacles[0],
         Obstacle {

@@ -4,7 +4,7 @@
 use crate::common::models::PAPER_START;
 use rebond::energy::Energies;
 use rebond::field::{Field, Names};
-use rebond::scene::{FieldInput, Scene, Value};
+use rebond::scene::{FieldInput, Scene};
 use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::{self, Model, Observer, Row};
 
@@ -117,8 +117,7 @@ fn the_guard_sees_the_energy_that_work_hides() {
         let mut scene = released_plate("fvs", "singular", scheme, 1e-5, 0.01, true);
         let height = "-0.1 + 0.4*clamp((t - 0.001)/1e-6, 0, 1)";
         let height = Field::parse(height, Names::XYT).unwrap();
-        scene.obstacles[0].height =
-            FieldInput { key: "obstacle.0.height".into(), value: Value::Formula(height) };
+        scene.obstacles[0].height = FieldInput::new("obstacle.0.height", height);
         let model = Model::new(&scene).unwrap();
         let mut rows = Rows(Vec::new());
         let (outcome, ended) = simulation::run(&scene, &model, &simulation::condensed, &mut rows).unwrap();
@@ -136,8 +135,8 @@ fn the_guard_sees_the_energy_that_work_hides() {
 #[test]
 fn a_load_does_work_and_the_total_stays() {
     let mut scene = released_plate("hct", "singular", "midpoint", 1e-4, 0.1, false);
-    scene.initial.static_pressure = FieldInput::constant("initial.static_pressure", 0.0);
-    let pressure = FieldInput::constant("load.pressure", 5000.0);
+    scene.initial.static_pressure = FieldInput::new("initial.static_pressure", 0.0);
+    let pressure = FieldInput::new("load.pressure", 5000.0);
     scene.load = Some(rebond::scene::Load { pressure, gravity: 0.0, forces: Vec::new() });
     let model = Model::new(&scene).unwrap();
     let mut rows = Rows(Vec::new());

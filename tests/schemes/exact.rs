@@ -552,7 +552,7 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
 #[test]
 fn a_mesh_too_large_for_dense_matrices_is_refused_at_once() {
     let mut scene = falling_plate("fvs", [160, 64], "conserving", 1e-3, 0.1);
-    scene.initial.static_pressure = FieldInput::constant("initial.static_pressure", 0.0);
+    scene.initial.static_pressure = FieldInput::new("initial.static_pressure", 0.0);
     let model = Model::new(&scene).unwrap();
     let error = Exact::new(&model.system, 1e-3, model.start.clone()).map(drop).unwrap_err();
     assert!(error.to_string().contains("10240 cells") && error.to_string().contains("conserving"), "{error}");

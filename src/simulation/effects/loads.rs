@@ -370,7 +370,7 @@ impl<P: Partition> Loads<P> {
     pub fn in_time(&self, ground: &BuildContext<P>) -> Result<(Vec<LoadTerm>, Option<Box<LoadOfTime>>)> {
         let term = |(factor, load): &(FieldInput, Vec<f64>)| {
             let (factor, load) = (factor.clone(), ground.partition.add_up(&ground.local_load(load))?);
-            let law = factor.formula().map(Field::canonical);
+            let law = factor.lone_formula().map(Field::canonical);
             Ok(LoadTerm { law, factor: Box::new(move |t| factor.at(Point::origin(), t)), load })
         };
         let terms = self.terms.iter().map(term).collect::<Result<_>>()?;

@@ -90,7 +90,8 @@ pub(super) fn lifts<E: OfCells, P: Partition>(
 }
 
 fn same(one: Option<&FieldInput>, other: Option<&FieldInput>) -> bool {
-    one.map(|given| &given.value) == other.map(|given| &given.value)
+    let [one, other] = [one, other].map(|given| given.map(|given| (&given.formula, &given.table)));
+    one == other
 }
 
 /// Returns the error of a node that is to move in two ways at once.
