@@ -1,8 +1,8 @@
 //! Obstacles as bounds on deflection dofs: the discrete convex set K^h of section 3 of the paper.
 //!
 //! A bound may yield by a [law of contact](crate::contact_law): x then lies beyond it by a depth,
-//! where the reaction and the stored energy are those of the law. The energy is convex, so that a
-//! step remains a convex problem; rigid bounds are the limit of stiff laws.
+//! which gives the reaction and the stored energy. The energy is convex, so that a step remains a
+//! convex problem. Rigid bounds are the limit of stiff laws.
 
 mod dofs_in_reach;
 
@@ -11,7 +11,7 @@ pub use dofs_in_reach::DofsInReach;
 use crate::contact_law::{ContactLaw, Laws, RIGID};
 use crate::linalg::vectors::{Largest, largest};
 
-/// Bounds on some dofs, `lower[i] <= x[dofs[i]] <= upper[i]`, infinite where there is none.
+/// Bounds on some dofs, `lower[i] <= x[dofs[i]] <= upper[i]`; infinite where there is none.
 #[derive(Debug, Clone, Default)]
 pub struct Bounds {
     /// Dofs in reach of an obstacle, ascending: the rows of G.
@@ -23,7 +23,7 @@ pub struct Bounds {
     /// Size of the bounded motions, in m, where neither the bounds nor the deflections show it, as
     /// for a gap that may stay near 0.
     pub size: f64,
-    /// Laws by which they yield.
+    /// Laws by which the bounds yield.
     pub laws: Laws,
 }
 
@@ -50,8 +50,8 @@ impl Bounds {
         self.dofs.is_empty()
     }
 
-    /// Returns whether the two bounds of a dof coincide: it cannot leave them, and its reaction may
-    /// have any sign.
+    /// Returns whether the two bounds of a dof coincide, so that they give its value, and its
+    /// reaction may have any sign.
     pub fn holds(&self, bound: usize) -> bool {
         self.lower[bound] == self.upper[bound]
     }
@@ -88,8 +88,7 @@ impl Bounds {
         (0..count).map(|bound| energy(bound, 0) + energy(bound, 1)).sum()
     }
 
-    /// Sets the bounds to those on x for which `u + c x + s d` is within `others`, over the same
-    /// dofs.
+    /// Sets bounds on x that keep `u + c x + s d` within `others`, over the same dofs.
     pub fn pull_back(&mut self, others: &Bounds, [u, d]: [&[f64]; 2], [c, s]: [f64; 2]) {
         let Bounds { dofs, lower, upper, .. } = others;
         let factor = 1.0 / c;
@@ -102,7 +101,7 @@ impl Bounds {
         );
     }
 
-    /// Sets the bounds to those of `others`, over the same dofs, relative to x.
+    /// Sets the bounds to `others - x`, over the same dofs.
     pub fn shift(&mut self, others: &Bounds, x: &[f64]) {
         let Bounds { dofs, lower, upper, .. } = others;
         dofs.map(
@@ -182,20 +181,20 @@ impl Bounds {
     fn any(&self, x: &[f64], condition: impl Fn(f64, f64, f64) -> bool) -> bool {
         // Without an early end the loop has no branches, and registers hold a number for each
         // value.
-        let mut found = 0;
+        let mut matches = 0;
         self.dofs.for_each(
             x,
             [&self.lower, &self.upper],
             #[inline(always)]
-            |x, [lower, upper]| found |= u64::from(condition(x, lower, upper)),
+            |x, [lower, upper]| matches |= u64::from(condition(x, lower, upper)),
         );
-        found > 0
+        matches > 0
     }
 
     /// Returns the largest finite magnitude of the bounds, or [`Bounds::size`] if that is larger,
     /// in m.
     pub fn magnitude(&self) -> f64 {
         let finite = |b: &f64| if b.is_finite() { *b } else { 0.0 };
-        [&self.lower, &self.upper].into_iter().fold(self.size, |m, of| m.max(largest(of.iter().map(finite))))
+        [&self.lower, &self.upper].into_iter().fold(self.size, |m, b| m.max(largest(b.iter().map(finite))))
     }
 }

@@ -22,10 +22,10 @@ pub struct DofsInReach {
     others: Vec<usize>,
 }
 
-/// Deflections of successive nodes, all followed by the other dofs of their node.
+/// Deflections of successive nodes, each followed by the other dofs of its node.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Line {
-    /// Number of the first one among the bounded dofs, and the dof.
+    /// Index of the first deflection among the bounded dofs, and its dof.
     bound: usize,
     dof: usize,
     nodes: usize,
@@ -147,10 +147,10 @@ impl DofsInReach {
 
 /// Returns one entry of each vector.
 #[inline(always)]
-fn entries<const N: usize>(vectors: [&[f64]; N], at: usize) -> [f64; N] {
+fn entries<const N: usize>(vectors: [&[f64]; N], index: usize) -> [f64; N] {
     let mut entries = [0.0; N];
     for j in 0..N {
-        entries[j] = vectors[j][at];
+        entries[j] = vectors[j][index];
     }
     entries
 }
