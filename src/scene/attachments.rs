@@ -1,8 +1,8 @@
 //! Attachments of the plate: foundations, springs, masses and balls, objects beside the plate that
 //! bear, hold, load or hit it.
 //!
-//! All that a scene knows of an attachment is in this file: its keys, and the name of its effect.
-//! The matrices are in `simulation::effects::attached`.
+//! This file has the keys of all attachments and the names of their effects. The matrices are in
+//! `simulation::effects::registry`.
 
 use super::document::{Document, join};
 use super::entry::{table, tables, via};
@@ -128,11 +128,11 @@ impl Attachments {
 
     /// Returns the indices of the balls whose contact point is a massless tip on a spring.
     pub fn balls_with_tips(&self) -> impl Iterator<Item = usize> {
-        let has_tip = |ball: &usize| self.balls[*ball].compliance.is_some_and(|of| of.has_tip());
+        let has_tip = |ball: &usize| self.balls[*ball].compliance.is_some_and(|stop| stop.has_tip());
         (0..self.balls.len()).filter(has_tip)
     }
 
-    /// Returns the number of dofs of balls: the gap of each, and the tips.
+    /// Returns the number of dofs of balls: their gaps and their tips.
     pub fn ball_dofs(&self) -> usize {
         self.balls.len() + self.balls_with_tips().count()
     }
@@ -146,7 +146,7 @@ table! {
         line: Option<[[f64; 2]; 2]> = coordinates().pair(SEGMENT).optional();
         /// `"left"`, `"right"`, `"bottom"`, `"top"`, or a physical curve of `mesh.file`.
         edge: Option<String> = name("expected the name of an edge").optional();
-    } one of [line] [edge]
+    } one_of {line} {edge}
 }
 
 const SEGMENT: &str = "expected [[x, y], [x, y]] in m, or edge = \"...\"";

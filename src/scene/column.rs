@@ -4,7 +4,7 @@ use super::document::quote;
 use super::entry::Kind;
 use super::kinds::text;
 
-/// Columns of `history.csv` before those of the probes, which cannot take these names.
+/// Columns of `history.csv` before the probes, whose names must differ from these.
 pub const HISTORY_COLUMNS: [&str; 10] = [
     "step",
     "time",
@@ -18,7 +18,7 @@ pub const HISTORY_COLUMNS: [&str; 10] = [
     "kkt",
 ];
 
-/// Beginnings of the columns of a named support or obstacle; the moments are those of a support.
+/// Beginnings of the columns of a named support or obstacle; only supports have moments.
 pub const FORCE_COLUMNS: [&str; 4] = ["force", "impulse", "moment_x", "moment_y"];
 
 /// Name that is valid as a column of the history.
@@ -30,7 +30,7 @@ pub(super) fn column() -> Kind<String> {
             return Some(format!("{} is a column of history.csv; expected another name", quote(name)));
         }
         let is_bad = |c: char| matches!(c, ',' | '"' | '\'') || c.is_control();
-        // A spreadsheet takes what begins like a formula for one.
+        // A spreadsheet evaluates a text that begins like a formula.
         let is_formula = name.trim_start().starts_with(['=', '+', '-', '@']);
         let is_wrong = name.trim().is_empty() || name.contains(is_bad) || is_formula;
         is_wrong.then(|| format!("{} cannot head a column; {expected}", quote(name)))

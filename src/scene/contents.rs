@@ -100,7 +100,7 @@ fn parameters() -> Entry<Parameters> {
 /// Returns the JSON schema (draft 7) of scene files.
 ///
 /// It is made from the rows of the tables, with their types, ranges and words. The reader checks
-/// more: formulas, names, and what keys say together.
+/// more: formulas, names, and combinations of keys.
 pub fn schema() -> Value {
     let mut schema: Schema = object([
         ("$schema", json!("http://json-schema.org/draft-07/schema#")),

@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::field::MOST_LOOKS;
 use crate::mesh::Point;
 
-/// Refuses what the tables of a scene contradict in each other; the first fault found wins.
+/// Refuses contradictions between the tables of a scene, and reports the first.
 pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_edges(doc, scene)?;
     check_room(doc, scene)?;
@@ -21,7 +21,7 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_scheme(doc, scene)
 }
 
-/// Refuses supports along a whole edge that another holds.
+/// Refuses supports along a whole edge that another support holds.
 fn check_edges(doc: &Document, scene: &Scene) -> Result<()> {
     for (index, support) in scene.supports.iter().enumerate() {
         let same = |other: &Support| other.stand == support.stand;
@@ -61,26 +61,25 @@ fn check_room(doc: &Document, scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-/// Refuses names of supports and obstacles that occur twice, or whose columns are those of probes.
+/// Refuses names of supports and obstacles that occur twice, or whose columns are named as probes.
 fn check_names(doc: &Document, scene: &Scene) -> Result<()> {
-    let supports = scene.supports.iter().enumerate().map(|(k, of)| (format!("support.{k}.name"), &of.name));
-    let obstacles = scene.obstacles.iter().enumerate();
-    let named = supports.chain(obstacles.map(|(k, of)| (format!("obstacle.{k}.name"), &of.name)));
-    let sliders = scene.sliders.iter().enumerate();
-    let named = named.chain(sliders.map(|(k, of)| (format!("slider.{k}.name"), &of.name)));
-    let mut known: Vec<(String, &String)> = Vec::new();
-    for (key, name) in named {
+    let keyed = |table: &'static str| move |(k, name): (usize, _)| (format!("{table}.{k}.name"), name);
+    let supports = scene.supports.iter().map(|support| &support.name).enumerate().map(keyed("support"));
+    let obstacles = scene.obstacles.iter().map(|obstacle| &obstacle.name).enumerate();
+    let sliders = scene.sliders.iter().map(|slider| &slider.name).enumerate().map(keyed("slider"));
+    let mut taken: Vec<(String, &String)> = Vec::new();
+    for (key, name) in supports.chain(obstacles.map(keyed("obstacle"))).chain(sliders) {
         let Some(name) = name else { continue };
-        if let Some((first, _)) = known.iter().find(|(_, other)| *other == name) {
+        if let Some((first, _)) = taken.iter().find(|(_, other)| *other == name) {
             let wrong = format!("{} is already {first}; expected unique names", quote(name));
             return Err(doc.fault(&key, wrong));
         }
-        let columns = FORCE_COLUMNS.map(|of| format!("{of}_{name}"));
+        let columns = FORCE_COLUMNS.map(|quantity| format!("{quantity}_{name}"));
         if let Some(probe) = scene.output.probes.iter().find(|probe| columns.contains(&probe.name)) {
             let wrong = format!("its column {} is the name of a probe", quote(&probe.name));
             return Err(doc.fault(&key, format!("{wrong}; expected another name")));
         }
-        known.push((key, name));
+        taken.push((key, name));
     }
     Ok(())
 }
@@ -210,7 +209,7 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         }
         if contact != ContactSolver::Condensed {
             let wrong = format!(
-                "multigrid keeps the sizes of its levels, and solver.vi = \"{contact}\" changes those of its matrices with \
+                "multigrid keeps the sizes of its levels, and solver.vi = \"{contact}\" changes the sizes of its matrices with \
                  the contact; expected \"auto\", or solver.vi = \"condensed\""
             );
             return Err(doc.fault("solver.linear", wrong));
@@ -256,7 +255,7 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         let wrong = format!("0.25 lets the massless {part} oscillate more and more");
         return Err(doc.fault("time.beta", format!("{wrong}; expected more than 0.25, such as 0.5")));
     }
-    // Modes with inertia of their own each take their own damping.
+    // Each mode with inertia has its own damping.
     if !(able.takes_any_damping || is_modal) {
         for (key, is_on) in [
             ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),

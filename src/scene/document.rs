@@ -1,4 +1,4 @@
-//! Tree of a TOML text and its `--set` overrides, in which every value knows where it was written.
+//! Tree of a TOML text and its `--set` overrides, in which every value has its position.
 
 use std::cell::OnceCell;
 use std::collections::BTreeMap;
@@ -71,13 +71,13 @@ impl<'a> Document<'a> {
     ) -> Result<Self> {
         let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
         let text = std::str::from_utf8(bytes).map_err(|error| {
-            let at = error.valid_up_to();
-            let wrong = format!("byte 0x{:02x} is not UTF-8; expected TOML text in UTF-8", bytes[at]);
-            error_at(&position(file, bytes, at), &wrong)
+            let offset = error.valid_up_to();
+            let wrong = format!("byte 0x{:02x} is not UTF-8; expected TOML text in UTF-8", bytes[offset]);
+            error_at(&position(file, bytes, offset), &wrong)
         })?;
         let table = DeTable::parse(text).map_err(|error| {
-            let at = error.span().map_or(text.len(), |span| span.start);
-            error_at(&position(file, bytes, at), &syntax(&error))
+            let offset = error.span().map_or(text.len(), |span| span.start);
+            error_at(&position(file, bytes, offset), &syntax(&error))
         })?;
         let root =
             Node { place: SourcePlace::Byte(0), value: Value::table(table.get_ref(), &SourcePlace::Byte) };
@@ -149,7 +149,7 @@ impl<'a> Document<'a> {
 
     /// Works as [`Document::forbid`], for a parameter of an option that was not chosen.
     ///
-    /// Where an override made the choice, parameters of the file's own choice are ignored.
+    /// Where an override makes the choice, parameters of the file's choice are ignored.
     pub fn forbid_with(&self, choice: &str, key: &str, wrong: impl Display) -> Result<()> {
         let is_gone = self.is_overridden(choice) && !self.is_overridden(key);
         if is_gone { Ok(()) } else { self.forbid(key, wrong) }
@@ -191,7 +191,7 @@ impl<'a> Document<'a> {
         self.describe(self.place(key))
     }
 
-    /// Returns the position of a key, or that of its table if it is missing.
+    /// Returns the position of a key, or of its table if the key is missing.
     fn place(&self, key: &str) -> SourcePlace {
         let mut node = &self.root;
         for part in parts(key) {
@@ -209,7 +209,7 @@ impl<'a> Document<'a> {
 
     fn describe(&self, place: SourcePlace) -> String {
         match place {
-            SourcePlace::Byte(at) => position(self.file, self.text.as_bytes(), at),
+            SourcePlace::Byte(offset) => position(self.file, self.text.as_bytes(), offset),
             SourcePlace::Override(index) => format!("--set {}", cut(&self.overrides[index])),
         }
     }
@@ -394,9 +394,9 @@ fn syntax(error: &toml::de::Error) -> String {
     format!("invalid TOML: {message}")
 }
 
-/// Formats a position as `FILE:LINE:COLUMN`, counted from 1, columns in characters.
-fn position(file: &str, text: &[u8], at: usize) -> String {
-    let before = &text[..at.min(text.len())];
+/// Formats the position of a byte as `FILE:LINE:COLUMN`, counted from 1, columns in characters.
+fn position(file: &str, text: &[u8], offset: usize) -> String {
+    let before = &text[..offset.min(text.len())];
     let line_start = before.iter().rposition(|&byte| byte == b'\n').map_or(0, |newline| newline + 1);
     let line = before.iter().filter(|&&byte| byte == b'\n').count() + 1;
     let is_first_byte = |byte: &&u8| **byte & 0xc0 != 0x80;

@@ -67,10 +67,10 @@ impl Scene {
 
     /// Returns the compliance of each compliant stop, obstacle or ball, with the key of its table.
     pub fn compliances(&self) -> impl Iterator<Item = (String, Compliance)> {
-        let of_obstacles = self.obstacles.iter().map(|of| of.compliance).enumerate();
-        let of_balls = self.attachments.balls.iter().map(|of| of.compliance).enumerate();
+        let of_obstacles = self.obstacles.iter().map(|obstacle| obstacle.compliance).enumerate();
+        let of_balls = self.attachments.balls.iter().map(|ball| ball.compliance).enumerate();
         let named = |table: &'static str| {
-            move |(number, of): (usize, Option<Compliance>)| Some((format!("{table}.{number}"), of?))
+            move |(number, stop): (usize, Option<Compliance>)| Some((format!("{table}.{number}"), stop?))
         };
         of_obstacles.filter_map(named("obstacle")).chain(of_balls.filter_map(named("ball")))
     }
@@ -83,7 +83,7 @@ impl Scene {
 
     /// Returns the key of a compliant stop with damping, if any.
     pub fn stop_damping(&self) -> Option<String> {
-        self.compliances().find(|(_, of)| of.damping > 0.0).map(|(table, _)| format!("{table}.damping"))
+        self.compliances().find(|(_, stop)| stop.damping > 0.0).map(|(table, _)| format!("{table}.damping"))
     }
 
     /// Returns all fields that may depend on time: loads, obstacle heights, support motions.
@@ -93,7 +93,7 @@ impl Scene {
         loads.chain(heights).chain(self.motions())
     }
 
-    /// Returns the scene whose clock starts at an instant (s) of this one.
+    /// Returns the scene with all times counted from an instant (s) of this one.
     pub fn from_time(&self, start: f64) -> Scene {
         let mut later = self.clone();
         let loads = later.load.iter_mut().flat_map(|load| {

@@ -145,8 +145,8 @@ impl<V: Clone + PartialEq + 'static> Kind<V> {
         self.entry("", read, always)
     }
 
-    /// Returns the entry of a key that is needed, has a default or neither, in words, and is read
-    /// and shown in this way.
+    /// Returns the entry of a key, given its presence in words (needed, a default, or nothing), its
+    /// reader, and the value that it shows.
     pub fn entry<W: 'static>(
         self,
         presence: impl Into<String>,
@@ -166,7 +166,7 @@ impl<V: Clone + PartialEq + 'static> Kind<V> {
             move |doc, table, name| read(&reader, doc, &join(table, name)),
             move |name, value, lines| {
                 if let Some(value) = shown(value) {
-                    lines.row(name, (writer.write)(value, lines.found), &writer.comment);
+                    lines.row(name, (writer.write)(value, lines.by_path), &writer.comment);
                 }
             },
         )
@@ -179,7 +179,7 @@ fn always<V>(value: &V) -> Option<&V> {
 }
 
 impl Document<'_> {
-    /// Refuses a table with keys other than its own; an absent table passes.
+    /// Refuses unknown keys in a table; an absent table passes.
     pub fn allow(&self, table: &str, keys: &Keys) -> Result<()> {
         let Some(node) = self.get(table) else { return Ok(()) };
         let Node { value: document::Value::Table(entries), .. } = node else {
@@ -204,7 +204,7 @@ impl Document<'_> {
     }
 }
 
-/// Row of a table: a key, or several keys that say one thing.
+/// Row of a table: a key, or several keys that give one value.
 pub(super) struct Entry<V> {
     /// Adds the keys, given a name and a meaning for a single one.
     pub describe: Box<dyn Fn(&'static str, &str, &mut Keys)>,
@@ -243,7 +243,7 @@ pub(super) trait Table: Sized {
     fn write(&self, lines: &mut SceneText);
 }
 
-/// Reads a table that has no other keys than its own.
+/// Reads a table, and refuses unknown keys.
 pub(super) fn read<T: Table>(doc: &Document, table: &str) -> Result<T> {
     doc.allow(table, T::keys())?;
     T::read(doc, table)
@@ -289,12 +289,12 @@ pub(super) fn tables<T: Table>(key: &'static str, with: &'static str) -> Entry<V
     )
 }
 
-/// Returns the entry of a struct whose keys stand among those of the table.
+/// Returns the entry of a struct whose keys stand in the table around it.
 pub(super) fn flat<T: Table + Clone + 'static>() -> Entry<T> {
     via(|value: T, _, _| Ok(value), T::clone)
 }
 
-/// Returns the entry of a value whose keys are those of a struct, which becomes the value.
+/// Returns the entry of a value that is read and written by way of a struct of keys.
 pub(super) fn via<T: Table + 'static, V: 'static>(
     read: fn(T, &Document, &str) -> Result<V>,
     write: fn(&V) -> T,
@@ -306,8 +306,8 @@ pub(super) fn via<T: Table + 'static, V: 'static>(
     )
 }
 
-/// Returns the entry of a struct whose keys stand among those of the table, with a first key that
-/// the others need.
+/// Returns the entry of a struct whose keys stand in the table around it; the first key is needed
+/// for the others.
 pub(super) fn flat_if<T: Table>() -> Entry<Option<T>> {
     Entry::new(
         |_, _, keys| {
@@ -332,7 +332,7 @@ pub(super) fn flat_if<T: Table>() -> Entry<Option<T>> {
 /// Text of a table in TOML: its rows, then the tables within it.
 pub(super) struct SceneText {
     /// Whether files have the path where they were found, rather than the name as written.
-    pub found: bool,
+    pub by_path: bool,
     /// Full key of the table.
     path: String,
     rows: Vec<[String; 3]>,
@@ -341,8 +341,8 @@ pub(super) struct SceneText {
 
 impl SceneText {
     /// Creates the text of the whole scene.
-    pub fn new(found: bool) -> SceneText {
-        SceneText { found, path: String::new(), rows: Vec::new(), within: String::new() }
+    pub fn new(by_path: bool) -> SceneText {
+        SceneText { by_path, path: String::new(), rows: Vec::new(), within: String::new() }
     }
 
     /// Adds a row: key, value, comment.
@@ -357,7 +357,7 @@ impl SceneText {
 
     /// Adds a table, whose header stands between brackets.
     pub fn table(&mut self, name: &str, [open, close]: [&str; 2], write: impl FnOnce(&mut SceneText)) {
-        let mut table = SceneText { path: join(&self.path, name), ..SceneText::new(self.found) };
+        let mut table = SceneText { path: join(&self.path, name), ..SceneText::new(self.by_path) };
         write(&mut table);
         self.within += &format!("\n{open}{}{close}\n{}", table.path, table.text());
     }
@@ -396,7 +396,7 @@ impl SceneText {
 /// Declares a table of a scene: a struct whose fields have the entries of their keys.
 ///
 /// The first field of a row names its key, unless `as "..."` does; `[...]` behind a field is an
-/// attribute. Behind the struct, `one of` lists alternatives, `then` names a function that checks
+/// attribute. Behind the struct, `one_of` lists alternatives, `then` names a function that checks
 /// or completes what was read, and `omit` one that names the keys that a resolved scene omits.
 macro_rules! table {
     ($(#[$meta:meta])* $vis:vis struct $name:ident {
@@ -404,7 +404,7 @@ macro_rules! table {
             $(#[doc = $help:literal])+
             $field:ident $([$attribute:meta])? $(as $key:literal)?: $type:ty
         ),+ = $entry:expr;)+
-    } $(one of $([$($one:ident),+])+)? $(then $finish:ident)? $(omit $omitted:ident)?) => {
+    } $(one_of $({$($one:ident),+})+)? $(then $finish:ident)? $(omit $omitted:ident)?) => {
         $(#[$meta])*
         $vis struct $name {
             $($($(#[doc = $help])+

@@ -4,12 +4,12 @@ use super::Scene;
 use crate::error::Error;
 use serde_json::Value;
 
-/// Distance from 1 (or its inverse) beyond which a number is named beside an error.
+/// Magnitude, or its inverse, beyond which an error names a number of the scene.
 const FAR: f64 = 1e15;
 
 impl Scene {
-    /// Names the number of the scene that is farthest from 1, if one is far, beside an error of its
-    /// model that names no key: rounding and overflow are then the cause.
+    /// Adds the number of the scene that is farthest from 1, if one is far, to an error of its
+    /// model that names no key. Rounding and overflow are then the cause.
     pub(crate) fn explain(&self, error: Error) -> Error {
         let resolved = serde_json::to_value(self).unwrap_or_default();
         let Some((key, number)) = farthest(&resolved, "") else { return error };

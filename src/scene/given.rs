@@ -54,7 +54,7 @@ impl FieldInput {
         self.table.is_none().then_some(&self.formula)
     }
 
-    /// Returns the field whose clock starts at an instant (s) of this one.
+    /// Returns the field as a function of the time since an instant (s).
     pub fn from_time(&self, start: f64) -> FieldInput {
         let mut later = FieldInput { formula: self.formula.from_time(start), ..self.clone() };
         later.table.iter_mut().for_each(|table| table.rows = table.rows.from_time(start));
@@ -170,7 +170,7 @@ impl FieldInput {
         self.formula.enclose(low, high, t).scaled(self.factor(t.low))
     }
 
-    /// Freezes the field at a time (s), for integration over the plate.
+    /// Returns the field at a fixed time (s), for integration over the plate.
     pub fn still(&self, t: f64) -> Still<'_> {
         Still { given: self, t }
     }
@@ -197,8 +197,8 @@ impl Integrand for Still<'_> {
         self.given.enclose(low, high, Interval::point(self.t))
     }
 
-    fn side(&self, at: Point) -> u64 {
-        self.given.formula.side(at, self.t)
+    fn side(&self, place: Point) -> u64 {
+        self.given.formula.side(place, self.t)
     }
 }
 
@@ -207,19 +207,19 @@ impl Integrand for Vec<Still<'_>> {
     fn values(&self, points: &[Point], values: &mut [f64]) -> Result<()> {
         values.fill(0.0);
         let mut terms = vec![0.0; points.len()];
-        for of in self {
-            of.values(points, &mut terms)?;
+        for field in self {
+            field.values(points, &mut terms)?;
             add(&terms, values);
         }
         Ok(())
     }
 
     fn enclose(&self, low: Point, high: Point) -> Enclosure<3> {
-        self.iter().map(|of| of.enclose(low, high)).fold(Enclosure::ZERO, Enclosure::plus)
+        self.iter().map(|field| field.enclose(low, high)).fold(Enclosure::ZERO, Enclosure::plus)
     }
 
-    fn side(&self, at: Point) -> u64 {
-        self.iter().fold(0, |side: u64, of| side.rotate_left(17) ^ of.side(at))
+    fn side(&self, place: Point) -> u64 {
+        self.iter().fold(0, |side: u64, field| side.rotate_left(17) ^ field.side(place))
     }
 }
 

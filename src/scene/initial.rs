@@ -107,6 +107,6 @@ fn run_folder() -> Kind<StartFrom> {
         })?;
         Ok(StartFrom { folder, path, motion: Arc::new(motion) })
     };
-    let write = |from: &StartFrom, found| string(if found { &from.path } else { &from.folder });
+    let write = |from: &StartFrom, by_path| string(if by_path { &from.path } else { &from.folder });
     Kind::new("", of_text, read, write).says("run folder")
 }

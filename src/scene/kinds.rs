@@ -15,7 +15,7 @@ use std::rc::Rc;
 /// overflow nor lose digits to underflow.
 const MAGNITUDES: [f64; 2] = [1e50, 1e-300];
 
-/// Returns what is wrong with a number; `None` for one that can be computed with.
+/// Describes what is wrong with a number; `None` for a valid one.
 fn fault(number: f64, range: Range) -> Option<String> {
     let [largest, smallest] = MAGNITUDES;
     let holds = |(keyword, limit): &(&str, f64)| match *keyword {
@@ -107,10 +107,10 @@ impl Kind<f64> {
             let plain = of_number(json!(["number", "string"]), range);
             if takes_tables { object([("anyOf", json!([plain, OverTime::keys().schema()]))]) } else { plain }
         };
-        let write = |given: &FieldInput, found: bool| {
+        let write = |given: &FieldInput, by_path: bool| {
             let formula = field_text(&given.formula);
             let Some(MeasuredTable { file, path, interpolation, .. }) = &given.table else { return formula };
-            let file = string(if found { path } else { file });
+            let file = string(if by_path { path } else { file });
             let interpolation = string(interpolation.word());
             format!("{{ table = {file}, interpolation = {interpolation}, times = {formula} }}")
         };
@@ -250,7 +250,7 @@ pub(super) fn truth() -> Kind<bool> {
     Kind::new(expected, || object([("type", json!("boolean"))]), read, |value, _| value.to_string())
 }
 
-/// Text; `fault` returns what is wrong with one, given also what is expected.
+/// Text; `fault` describes what is wrong with a text, given what is expected.
 pub(super) fn text(expected: &'static str, fault: fn(&str, &str) -> Option<String>) -> Kind<String> {
     let read = move |doc: &Document, key: &str| {
         let text = doc.text(key, expected)?;
@@ -288,7 +288,7 @@ impl<V: Clone + PartialEq + 'static> Kind<V> {
         let (of_items, writer) =
             (items(&item, [("minItems", json!(2)), ("maxItems", json!(2))]), Rc::clone(&item));
         let read = move |doc: &Document, key: &str| doc.pair(key, [&item, &item], expected);
-        let write = move |pair: &[V; 2], found: bool| array(pair, |value| (writer.write)(value, found));
+        let write = move |pair: &[V; 2], by_path: bool| array(pair, |value| (writer.write)(value, by_path));
         Kind { unit, ..Kind::new(expected, of_items, read, write).says(unit) }
     }
 
@@ -311,7 +311,7 @@ impl<V: Clone + PartialEq + 'static> Kind<V> {
             let wrong = || doc.fault(key, format!("found an empty array; {expected}"));
             if list.is_empty() { Err(wrong()) } else { Ok(list) }
         };
-        let write = move |list: &Vec<V>, found: bool| array(list, |value| (writer.write)(value, found));
+        let write = move |list: &Vec<V>, by_path: bool| array(list, |value| (writer.write)(value, by_path));
         Kind { unit, ..Kind::new(expected, of_items, read, write).says(unit) }
     }
 
@@ -323,7 +323,7 @@ impl<V: Clone + PartialEq + 'static> Kind<V> {
             let entry = |index: usize| doc.required(&format!("{key}.{index}"), &item);
             (0..doc.entries(key, expected)?).map(entry).collect()
         };
-        let write = move |list: &Vec<V>, found: bool| array(list, |value| (writer.write)(value, found));
+        let write = move |list: &Vec<V>, by_path: bool| array(list, |value| (writer.write)(value, by_path));
         Kind::new(expected, of_items, read, write)
     }
 }

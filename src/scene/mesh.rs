@@ -62,7 +62,7 @@ table! {
     } then sized
 }
 
-/// Number that `refine` gives, in words.
+/// Meaning of `refine`, in words.
 pub(super) const REFINEMENTS: &str = "a number of uniform refinements";
 
 impl MeshFile {
@@ -112,7 +112,7 @@ fn file_name() -> Kind<(String, String)> {
         let path = doc.beside(&file);
         Ok((file, path))
     };
-    Kind::new("", of_text, read, |(file, path), found| string(if found { path } else { file }))
+    Kind::new("", of_text, read, |(file, path), by_path| string(if by_path { path } else { file }))
 }
 
 table! {
@@ -124,10 +124,10 @@ table! {
         /// `[nx, ny]`, the numbers of rectangles along x and y; each rectangle is one quadrilateral
         /// or two triangles. Needed without `file`.
         cells: Option<[usize; 2]> = counts().optional();
-    } one of [file] [element, cells]
+    } one_of {file} {element, cells}
 }
 
-/// Returns the element and the cells, in whose place a file may stand.
+/// Returns the element and the numbers of rectangles, zeros where a file gives the mesh.
 fn rectangles(_: RectangleKeys, doc: &Document, table: &str) -> Result<(ElementKind, [usize; 2])> {
     let (element, cells) = (join(table, "element"), join(table, "cells"));
     if doc.get("mesh.file").is_none() {
@@ -150,7 +150,7 @@ fn rectangle_keys((element, cells): &(ElementKind, [usize; 2])) -> RectangleKeys
     RectangleKeys { element: is_given.then_some(*element), cells: is_given.then_some(*cells) }
 }
 
-/// Gives triangles their cut, and refuses a mesh that is too large.
+/// Sets the default cut of triangles, and refuses a mesh that is too large.
 fn sized(grid: Grid, doc: &Document, table: &str) -> Result<Grid> {
     let Grid { element, cells, refine, .. } = grid;
     if !grid.is_of_file() && element.shape() == CellShape::Quadrilateral {
@@ -191,7 +191,7 @@ pub(super) fn fits(doc: &Document, key: &str, cells: [usize; 2], refine: u32) ->
     if rectangles.is_some_and(|rectangles| rectangles <= MOST_RECTANGLES) {
         return Ok(());
     }
-    // A number that is beyond the type is told as it is written.
+    // The message repeats a number beyond the type as it is written.
     let times = doc.figure(key).unwrap_or(f64::from(refine));
     let refined = if refine == 0 { String::new() } else { format!(", refined {times} times,") };
     let wrong = format!("{nx} x {ny} rectangles{refined} are too many");

@@ -126,8 +126,8 @@ impl Scene {
     }
 
     /// Returns the text in TOML, with files by the path where they were found, or as written.
-    fn text(&self, found: bool) -> String {
-        let mut lines = SceneText::new(found);
+    fn text(&self, by_path: bool) -> String {
+        let mut lines = SceneText::new(by_path);
         self.write(&mut lines);
         lines.text()
     }
@@ -158,7 +158,7 @@ impl Scene {
     /// in the order of the scene.
     pub fn force_columns(&self) -> Vec<String> {
         let columns = |name: &String, count: usize| {
-            FORCE_COLUMNS[..count].iter().map(|of| format!("{of}_{name}")).collect::<Vec<_>>()
+            FORCE_COLUMNS[..count].iter().map(|quantity| format!("{quantity}_{name}")).collect::<Vec<_>>()
         };
         let supports = self.supports.iter().filter_map(|support| support.name.as_ref());
         let obstacles = self.obstacles.iter().filter_map(|obstacle| obstacle.name.as_ref());
@@ -170,8 +170,8 @@ impl Scene {
 
     /// Returns the names of all sliders, or the keys of those without one.
     pub fn slider_names(&self) -> impl Iterator<Item = String> {
-        let name = |(number, of): (usize, &Slider)| of.name.clone().unwrap_or(format!("slider.{number}"));
-        self.sliders.iter().enumerate().map(name)
+        let names = self.sliders.iter().map(|slider| slider.name.clone()).enumerate();
+        names.map(|(number, name)| name.unwrap_or(format!("slider.{number}")))
     }
 
     /// Returns the FNV-1a hash of the scene and of the values in its tables, in 16 hexadecimal

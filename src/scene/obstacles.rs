@@ -34,8 +34,8 @@ table! {
     }
 }
 
-/// Position in the text of a scene, in words. All positions are equal: scenes with the same content
-/// are.
+/// Position in the text of a scene, in words. All positions compare as equal, so that scenes with
+/// the same content do.
 #[derive(Debug, Clone, Default)]
 pub struct SourcePosition(pub String);
 
@@ -57,7 +57,7 @@ pub struct Compliance {
 }
 
 impl Compliance {
-    /// Returns the law by which its bound yields; `None` for a linear stop, whose tip is bounded.
+    /// Returns the law by which the bound yields; `None` for a linear stop, whose tip is bounded.
     pub fn contact_law(&self) -> Option<Arc<dyn ContactLaw>> {
         match self.law {
             StopLaw::Linear => None,
@@ -161,7 +161,7 @@ pub(super) fn contact_point() -> Entry<Option<Compliance>> {
     Entry { write: Box::new(write), ..via(compliance, stop_keys) }
 }
 
-/// Comments the rows of a stop with their units.
+/// Adds the units to the rows of a stop, as comments.
 fn units(compliance: &Option<Compliance>, site: usize, lines: &mut SceneText) {
     let is_hertz = compliance.is_some_and(|compliance| !compliance.has_tip());
     let site = if is_hertz { 3 } else { site };

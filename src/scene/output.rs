@@ -38,7 +38,7 @@ table! {
     }
 }
 
-/// Number that the keys of intervals give, in words.
+/// Meaning of the keys of intervals, in words.
 const STEPS: &str = "a number of steps";
 
 table! {
@@ -111,7 +111,7 @@ fn probes() -> Entry<Vec<Probe>> {
     };
     let write = |name: &str, probes: &Vec<Probe>, lines: &mut SceneText| {
         let row = |probe: &Probe| {
-            let mut row = SceneText::new(lines.found);
+            let mut row = SceneText::new(lines.by_path);
             probe.write(&mut row);
             format!("  {},\n", row.inline())
         };
@@ -133,7 +133,7 @@ table! {
         place: PlaceKeys = flat();
         /// Number of a ball, from 0, in place of a point of the plate.
         ball: Option<usize> = count("the number of a ball, from 0,", 0).optional();
-    } one of [at] [point] [ball]
+    } one_of {at} {point} {ball}
 }
 
 /// Place of a probe, its physical point, and its ball.
@@ -141,7 +141,7 @@ type Spot = ([f64; 2], Option<String>, Option<usize>);
 
 fn spot(keys: SpotKeys, doc: &Document, table: &str) -> Result<Spot> {
     let Some(number) = keys.ball else {
-        return located(keys.place, doc, table).map(|(at, point)| (at, point, None));
+        return located(keys.place, doc, table).map(|(place, point)| (place, point, None));
     };
     let [key, quantity] = ["ball", "quantity"].map(|name| join(table, name));
     for place in ["at", "point"] {
@@ -159,8 +159,8 @@ fn spot(keys: SpotKeys, doc: &Document, table: &str) -> Result<Spot> {
     Ok((Ball::read(doc, &format!("ball.{number}"))?.at, None, Some(number)))
 }
 
-fn spot_keys((at, point, ball): &Spot) -> SpotKeys {
-    let mut place = place_keys(*at, point);
+fn spot_keys((place, point, ball): &Spot) -> SpotKeys {
+    let mut place = place_keys(*place, point);
     place.at.take_if(|_| ball.is_some());
     SpotKeys { place, ball: *ball }
 }

@@ -33,26 +33,26 @@ table! {
         at: Option<[f64; 2]> = coordinates().optional();
         /// Physical point of `mesh.file` with one node, in place of `at`.
         point: Option<String> = point_name().optional();
-    } one of [at] [point]
+    } one_of {at} {point}
 }
 
 /// Place on the plate: coordinates, or a named point of its mesh file.
 pub(super) fn place() -> Entry<([f64; 2], Option<String>)> {
-    via(located, |(at, point)| place_keys(*at, point))
+    via(located, |(place, point)| place_keys(*place, point))
 }
 
-pub(super) fn place_keys(at: [f64; 2], point: &Option<String>) -> PlaceKeys {
-    PlaceKeys { at: point.is_none().then_some(at), point: point.clone() }
+pub(super) fn place_keys(place: [f64; 2], point: &Option<String>) -> PlaceKeys {
+    PlaceKeys { at: point.is_none().then_some(place), point: point.clone() }
 }
 
 /// Returns the coordinates of a place, with the name of its physical point if it has one.
 pub(super) fn located(keys: PlaceKeys, doc: &Document, table: &str) -> Result<([f64; 2], Option<String>)> {
-    let (at, key) = (join(table, "at"), join(table, "point"));
+    let (at_key, key) = (join(table, "at"), join(table, "point"));
     let Some(name) = keys.point else {
-        let point = doc.required(&at, &coordinates())?;
-        return on_plate(doc, &at, point).map(|()| (point, None));
+        let point = doc.required(&at_key, &coordinates())?;
+        return on_plate(doc, &at_key, point).map(|()| (point, None));
     };
-    doc.forbid(&at, format!("contradicts {key}; expected only one of at, point"))?;
+    doc.forbid(&at_key, format!("contradicts {key}; expected only one of at, point"))?;
     let points = match doc.points.get() {
         Some(points) => points,
         None => {
@@ -116,7 +116,7 @@ table! {
         /// Physical point of `mesh.file`.
         point: Option<String> = point_name().optional();
         /// `[[x, y], [x, y]]`, a line segment; nodes are made where it crosses the sides of cells,
-        /// and at those of its ends that lie in the plate.
+        /// and at its ends that lie in the plate.
         line: Option<[[f64; 2]; 2]> = coordinates().pair("expected [[x, y], [x, y]] in m").optional();
     }
 }
@@ -131,15 +131,15 @@ pub(super) fn cells() -> Entry<Region> {
     )
 }
 
-/// Returns the region that one of some keys names; without any of them the whole plate.
+/// Returns the region that one of the keys `names` gives, or the whole plate without any.
 pub(super) fn region(keys: SiteKeys, doc: &Document, table: &str, names: Vec<&str>) -> Result<Region> {
     let mut given = names.iter().filter(|name| doc.get(&join(table, name)).is_some());
     if let (Some(first), Some(second)) = (given.next(), given.next()) {
         let wrong = format!("contradicts {table}.{second}; expected only one of {}", names.join(", "));
         return Err(doc.fault(&join(table, first), wrong));
     }
-    let SiteKeys { cells: CellKeys { part, group }, at, point, line } = keys;
-    let named = part.map(Region::Where).or(group.map(Region::Group)).or(at.map(Region::At));
+    let SiteKeys { cells: CellKeys { part, group }, at: node, point, line } = keys;
+    let named = part.map(Region::Where).or(group.map(Region::Group)).or(node.map(Region::At));
     Ok(named.or(point.map(Region::Point)).or(line.map(Region::Line)).unwrap_or(Region::All))
 }
 
@@ -150,7 +150,7 @@ pub(super) fn site_keys(region: &Region) -> SiteKeys {
         Region::All => {}
         Region::Where(condition) => keys.cells.part = Some(condition),
         Region::Group(name) => keys.cells.group = Some(name),
-        Region::At(at) => keys.at = Some(at),
+        Region::At(node) => keys.at = Some(node),
         Region::Point(name) => keys.point = Some(name),
         Region::Line(line) => keys.line = Some(line),
     }

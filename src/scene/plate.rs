@@ -20,7 +20,7 @@ table! {
         width: f64 = side("a width", "m, along y");
         /// Thickness and material.
         plate: Plate,
-        /// Thickness in m if it varies; that of `plate` is then its value at the origin.
+        /// Thickness in m if it varies; `plate` then has its value at the origin.
         thickness: Option<FieldInput> = material(false);
     }
 }
@@ -77,7 +77,7 @@ fn shear_modulus() -> Kind<f64> {
     positive("a shear modulus", "Pa")
 }
 
-/// Key that a part need not give: its plate's then counts.
+/// Key that a part may omit; the value of `[plate]` then counts.
 fn inherited<V: 'static>(entry: impl Into<Entry<V>>) -> Entry<V> {
     let Entry { describe, read, write } = entry.into();
     let read = move |doc: &Document, table: &str, name: &str| {
@@ -102,7 +102,7 @@ fn material(is_part: bool) -> Entry<(Plate, Option<FieldInput>)> {
     Entry { describe: Box::new(describe), write: Box::new(write), ..via(checked, material_keys) }
 }
 
-/// Returns thickness and material, and the thickness if it varies.
+/// Returns thickness and material, and the field of a thickness that varies.
 fn checked(material: Material, doc: &Document, table: &str) -> Result<(Plate, Option<FieldInput>)> {
     let Material { youngs_modulus, poissons_ratio, density, shear_modulus, grain, .. } = material;
     let key = |name: &str| join(table, name);
@@ -154,7 +154,7 @@ table! {
         part as "where": Option<Condition> = condition().optional();
         /// Physical surface of `mesh.file` whose cells form the part.
         group: Option<String> = group().optional();
-    } one of [where] [group]
+    } one_of {where} {group}
 }
 
 /// Returns the cells of a part, which it must name.

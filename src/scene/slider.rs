@@ -25,7 +25,7 @@ table! {
 }
 
 impl Slider {
-    /// Returns its law.
+    /// Returns the law of its force.
     pub fn law(&self) -> DryFriction {
         DryFriction { force: self.force, stiffness: self.stiffness.unwrap_or(f64::INFINITY) }
     }

@@ -17,7 +17,7 @@ const INSTANTS: f64 = 1000.0;
 /// Least number of instants for a comparison.
 const FEWEST_INSTANTS: f64 = 20.0;
 
-/// Number of modes of the modal mass where neither the study nor the scene says it.
+/// Number of modes of the modal mass where neither the study nor the scene gives it.
 const USUAL_MODES: usize = 200;
 
 table! {
@@ -91,7 +91,7 @@ fn words() -> Kind<String> {
     })
 }
 
-/// Returns the default of a key: its value in the usual study of the scene.
+/// Returns the default of a key: its value in the default study of the scene.
 fn usual<V: 'static>(value: fn(Study) -> V) -> impl Fn(&Document) -> Result<V> {
     move |doc| {
         let (mesh, time, solver) = (mesh::grid(doc)?, entry::read(doc, "time")?, entry::read(doc, "solver")?);
@@ -99,7 +99,7 @@ fn usual<V: 'static>(value: fn(Study) -> V) -> impl Fn(&Document) -> Result<V> {
     }
 }
 
-/// Completes a study by what follows from its other keys, and refuses what they contradict.
+/// Completes a study by defaults that follow from other keys, and refuses contradictions.
 fn complete(mut study: Study, doc: &Document, _: &str) -> Result<Study> {
     let is_of_file = doc.get("mesh.file").is_some();
     if is_of_file {

@@ -41,7 +41,7 @@ pub struct ElasticEdge {
 }
 
 impl fmt::Debug for Support {
-    /// Formats what the support does, which its name does not change.
+    /// Formats all fields but the name, which does not change the motion.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let Support { name: _, stand, kind, elastic, motion } = self;
         let mut fields = f.debug_struct("Support");
@@ -91,7 +91,7 @@ table! {
         at: Option<[f64; 2]> = coordinates().optional();
         /// Physical point of `mesh.file`.
         point: Option<String> = point_name().optional();
-    } one of [edge] [at] [point]
+    } one_of {edge} {at} {point}
 }
 
 /// Name of an edge.
@@ -114,11 +114,11 @@ fn location(keys: LocationKeys, doc: &Document, table: &str) -> Result<SupportLo
         let wrong = format!("contradicts {table}.{second}; expected only one of edge, at, point");
         return Err(doc.fault(&key(first), wrong));
     }
-    let LocationKeys { edge, part, at, point } = keys;
+    let LocationKeys { edge, part, at: node, point } = keys;
     if edge.is_none() {
         doc.forbid(&key("where"), "has no use without edge, of which it takes a part")?;
     }
-    match at.map(SupportLocation::At).or(point.map(SupportLocation::Point)) {
+    match node.map(SupportLocation::At).or(point.map(SupportLocation::Point)) {
         Some(place) => Ok(place),
         None => {
             let edge = edge.map_or_else(|| (self::edge().read)(doc, &key("edge")), Ok)?;
@@ -131,7 +131,7 @@ fn location_keys(stand: &SupportLocation) -> LocationKeys {
     let mut keys = LocationKeys { edge: None, part: None, at: None, point: None };
     match stand.clone() {
         SupportLocation::Edge { edge, part } => (keys.edge, keys.part) = (Some(edge), part),
-        SupportLocation::At(at) => keys.at = Some(at),
+        SupportLocation::At(node) => keys.at = Some(node),
         SupportLocation::Point(name) => keys.point = Some(name),
     }
     keys
@@ -155,8 +155,8 @@ table! {
     }
 }
 
-/// Returns what a support holds, and its springs. An elastic edge that cannot deflect holds what a
-/// simply supported one holds.
+/// Returns the kind of a support, and its springs. An elastic edge that cannot deflect has the
+/// constraints of a simply supported edge.
 fn held(hold: Hold, doc: &Document, table: &str) -> Result<(SupportKind, Option<ElasticEdge>)> {
     let Hold { kind, stiffness, rotation } = hold;
     let forbid = |names: [&str; 2], wrong: String| {

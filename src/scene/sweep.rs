@@ -10,7 +10,7 @@ use crate::field::{Field, Names};
 /// Largest number of values of a key.
 const MOST_VALUES: usize = 1_000_000;
 
-/// Periods of each run where the scene does not tell them.
+/// Default number of periods of each run.
 const PERIODS: u64 = 200;
 
 const EXPECTED: &str =
@@ -67,7 +67,7 @@ fn half(doc: &Document) -> Result<u64> {
     Ok(doc.figure("sweep.periods").map_or(PERIODS, |periods| periods as u64) / 2)
 }
 
-/// Refuses three keys, a key twice, and periods of which none are measured.
+/// Refuses three keys, a repeated key, and runs without measured periods.
 fn of_few_keys(sweep: SweepSpec, doc: &Document, table: &str) -> Result<SweepSpec> {
     let SweepSpec { over, periods, settle, .. } = &sweep;
     if over.len() > 2 {

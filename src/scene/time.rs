@@ -46,7 +46,7 @@ table! {
         /// lowest modes carry all inertia, see [schemes](schemes.md).
         mass: Mass = word();
         /// `"modal"`: number of modes, rigid motions included, by default 200, or a third of the
-        /// dofs; at most half of the dofs, those of compliant stops apart. They are [kept between
+        /// dofs; at most half of the dofs, compliant stops not counted. They are [kept between
         /// runs](running.md#kept-modes).
         modes: Option<usize> = count("a number of modes", 1).says("number of modes with inertia").optional();
         /// `"modal"`, instead of `modes`: all modes up to this frequency.
@@ -109,11 +109,11 @@ impl FieldInput {
     /// Describes the first jump at a place (m) before the end, with a remedy; `None` without one.
     ///
     /// The search takes at most `looks` evaluations.
-    pub fn jump(&self, at: Point, time: &Time, looks: usize) -> Option<String> {
-        let breaks = self.breaks(at, time.end, looks);
-        let Break { time: instant, jump, .. } = breaks.found.into_iter().find(|of| of.jump != 0.0)?;
-        let place = if self.is_even() { String::new() } else { format!(" at ({}, {})", at.x, at.y) };
-        let [jump, ramp] = [jump, 10.0 * time.step].map(|of| format!("{of:.5e}").parse().unwrap_or(of));
+    pub fn jump(&self, place: Point, time: &Time, looks: usize) -> Option<String> {
+        let breaks = self.breaks(place, time.end, looks);
+        let Break { time: instant, jump, .. } = breaks.found.into_iter().find(|entry| entry.jump != 0.0)?;
+        let place = if self.is_even() { String::new() } else { format!(" at ({}, {})", place.x, place.y) };
+        let [jump, ramp] = [jump, 10.0 * time.step].map(|x| format!("{x:.5e}").parse().unwrap_or(x));
         Some(format!(
             "jumps by {jump:?} m at t = {instant:?} s{place}, which nothing rigid can do; expected no jump, such as a ramp over 10 \
              steps: {jump:?}*clamp((t - {instant:?})/{ramp:?}, 0, 1)"
@@ -122,10 +122,10 @@ impl FieldInput {
 
     /// Returns where steps miss most of the field less a constant, at a place (m); see
     /// [`Field::missed`](crate::field::Field::missed).
-    pub fn missed(&self, at: Point, less: f64, time: &Time) -> Option<Missed> {
+    pub fn missed(&self, place: Point, less: f64, time: &Time) -> Option<Missed> {
         let (step, steps) = (time.step, time.steps());
-        let Some(table) = &self.table else { return self.formula.missed(at, less, step, steps) };
-        table.rows.missed(less / self.formula.value(at, 0.0).ok()?, step, steps)
+        let Some(table) = &self.table else { return self.formula.missed(place, less, step, steps) };
+        table.rows.missed(less / self.formula.value(place, 0.0).ok()?, step, steps)
     }
 }
 

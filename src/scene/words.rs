@@ -16,7 +16,7 @@ pub(super) trait Choice: Copy + PartialEq + 'static {
     }
 }
 
-/// Gives the variants of enums from elsewhere their words.
+/// Implements `Choice` for enums of other modules.
 macro_rules! choice {
     ($($name:ty { $($case:ident = $word:literal),+ })+) => {$(
         impl Choice for $name {
@@ -36,7 +36,7 @@ macro_rules! shown_as_words {
     )+};
 }
 
-/// Declares enums whose variants have words, also where serde writes them.
+/// Declares enums whose variants have words, which serde uses too.
 macro_rules! words {
     ($($(#[$meta:meta])* pub enum $name:ident {
         $($(#[$case_meta:meta])* $case:ident = $word:literal,)+

@@ -15,7 +15,6 @@ const UNREVISED: &[&str] = &[
     "kernels",
     "linalg",
     "lock_step",
-    "scene",
     "scheme",
     "simulation",
     "vi",
