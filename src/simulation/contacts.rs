@@ -44,7 +44,7 @@ pub(super) struct ContactRecorder {
 impl ContactRecorder {
     /// Records a step of a scheme and its events, given whether nothing touches. A node without
     /// reaction for a single step remains in contact.
-    pub fn note(
+    pub fn record(
         &mut self,
         sites: &[DeflectionDof],
         step: f64,
@@ -81,7 +81,7 @@ impl ContactRecorder {
         *end = time;
     }
 
-    /// Ends the contacts last seen before an instant (s).
+    /// Ends the contacts whose last reaction was before an instant (s).
     pub fn close(&mut self, sites: &[DeflectionDof], before: f64) {
         let ContactRecorder { open, state, ended } = self;
         open.retain(|&bound| match state[bound] {
@@ -98,23 +98,23 @@ impl ContactRecorder {
     /// Saves or restores the contacts of all bounds.
     pub fn archive(&mut self, bounds: usize, archive: &mut Archive) -> Result<()> {
         // Each entry is the position among the open contacts, or -1, followed by the state.
-        let mut all = vec![[-1.0; 4]; bounds];
+        let mut rows = vec![[-1.0; 4]; bounds];
         for (place, &bound) in self.open.iter().enumerate() {
             if let Some([begin, end, impulse]) = self.state[bound] {
-                all[bound] = [place as f64, begin, end, impulse];
+                rows[bound] = [place as f64, begin, end, impulse];
             }
         }
-        archive.items(VectorKind::Bounds, &mut all, |&of| of, |of| of)?;
+        archive.items(VectorKind::Bounds, &mut rows, |&row| row, |row| row)?;
         let mut ended = self.ended.as_flattened().to_vec();
         archive.list(&mut ended)?;
         if !archive.saves() {
             self.ended = ended.as_chunks().0.to_vec();
-            let is_open = |&bound: &usize| all[bound][0] >= 0.0;
+            let is_open = |&bound: &usize| rows[bound][0] >= 0.0;
             self.open = (0..bounds).filter(is_open).collect();
-            self.open.sort_by(|&a, &b| all[a][0].total_cmp(&all[b][0]));
+            self.open.sort_by(|&a, &b| rows[a][0].total_cmp(&rows[b][0]));
             let contact =
                 |[place, begin, end, impulse]: [f64; 4]| (place >= 0.0).then_some([begin, end, impulse]);
-            self.state = all.into_iter().map(contact).collect();
+            self.state = rows.into_iter().map(contact).collect();
         }
         Ok(())
     }

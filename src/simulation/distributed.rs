@@ -55,10 +55,10 @@ impl Model<Distributed> {
         let name = |number: usize| (format!("ball.{number}.at"), Point::from(of_balls.balls[number].at));
         let balls = (0..of_balls.balls.len()).chain(of_balls.balls_with_tips()).map(name);
         let balls: Vec<(String, Point)> = balls.collect();
-        let found = RefCell::new(Vec::new());
+        let stops = RefCell::new(Vec::new());
         let tips = |mesh: &Mesh, holds: &[NodeConstraint], sums: &NodeSums| {
-            *found.borrow_mut() = stops::find(scene, mesh, holds, comm, sums)?;
-            Ok(found.borrow().iter().map(|stop: &Stop| stop.node).collect())
+            *stops.borrow_mut() = stops::find(scene, mesh, holds, comm, sums)?;
+            Ok(stops.borrow().iter().map(|stop: &Stop| stop.node).collect())
         };
         let tips = (!scene.obstacles.is_empty()).then_some(&tips as &Tips);
         let marks = meshing::marks(scene);
@@ -81,7 +81,7 @@ impl Model<Distributed> {
                 Part::of_mesh(context, || Ok(mesh), refinements, &supports, &balls, tips)?
             }
         };
-        let stops = found.take();
+        let stops = stops.take();
         let engine = Distributed::new(&part)?;
         if comm.all_reduce_sum(engine.dofs()) == balls.len() {
             return Err(super::nothing_free());

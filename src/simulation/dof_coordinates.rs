@@ -70,12 +70,12 @@ impl DofCoordinates {
         }
         let centre = |cell: usize| {
             let vertices = mesh.vertices(cell);
-            let mean = |axis: usize| vertices.iter().map(|at| at[axis]).sum::<f64>() / vertices.len() as f64;
+            let mean = |axis: usize| vertices.iter().map(|p| p[axis]).sum::<f64>() / vertices.len() as f64;
             [mean(0), mean(1), 0.0]
         };
         let velocities = match scene.time.mass {
             Mass::Singular => {
-                let masses = ground.terms.masses().map(|mass| [mass.at.x, mass.at.y, 1.0]);
+                let masses = ground.terms.masses().map(|mass| [mass.point.x, mass.point.y, 1.0]);
                 (0..mesh.cells.len()).map(centre).chain(masses).collect()
             }
             Mass::Consistent | Mass::Modal => dofs.clone(),
@@ -96,9 +96,9 @@ impl DofCoordinates {
     ) -> Result<Option<Motion>> {
         let rates = scheme.velocity()?;
         let values = scheme.displacement().iter().zip(&rates);
-        let own: Vec<[f64; 5]> =
+        let rows: Vec<[f64; 5]> =
             self.dofs.iter().zip(values).map(|(&[x, y, which], (u, v))| [x, y, which, *u, *v]).collect();
-        let part = (numbers(engine, &self.dofs), own);
+        let part = (numbers(engine, &self.dofs), rows);
         let parts = engine.comm().gather(&archive::to_bytes(&part)?);
         if parts.is_empty() {
             return Ok(None);
@@ -119,14 +119,14 @@ impl DofCoordinates {
     /// # Errors
     /// Returns [`Error::Scene`] on all processes where the positions of the dofs differ.
     pub(super) fn start<E: Engine>(&self, engine: &E, motion: &Motion) -> Result<[Vec<f64>; 2]> {
-        let Numbers { own, total } = numbers(engine, &self.dofs);
+        let Numbers { own: indices, total } = numbers(engine, &self.dofs);
         let extent = motion.dofs.iter().fold(0.0, |extent: f64, [x, y, ..]| extent.max(x.abs()).max(y.abs()));
         let is_there = |number: usize, [x, y, which]: [f64; 3]| {
             let [x_there, y_there, which_there, ..] = motion.dofs[number];
             which == which_there && (x - x_there).abs().max((y - y_there).abs()) <= NEAR * extent
         };
         let elsewhere = total != motion.dofs.len()
-            || own.iter().zip(&self.dofs).any(|(&number, &place)| !is_there(number, place));
+            || indices.iter().zip(&self.dofs).any(|(&number, &place)| !is_there(number, place));
         if engine.comm().all_reduce_any(elsewhere) {
             let there = motion.dofs.len();
             return Err(Error::Scene(format!(
@@ -134,7 +134,7 @@ impl DofCoordinates {
                  expected the same mesh"
             )));
         }
-        Ok([3, 4].map(|which| own.iter().map(|&number| motion.dofs[number][which]).collect()))
+        Ok([3, 4].map(|which| indices.iter().map(|&number| motion.dofs[number][which]).collect()))
     }
 
     /// Returns the global numbering of all dofs of this process. Collective.
@@ -154,20 +154,20 @@ impl DofCoordinates {
 }
 
 /// Numbers positions by row, column and dof, independently of the distribution. Collective.
-fn numbers<E: Engine>(engine: &E, own: &[[f64; 3]]) -> Numbers {
-    let (all, before) = engine.comm().all_gather_with_offset(own);
-    let extent = all.iter().fold(0.0, |extent: f64, [x, y, _]| extent.max(x.abs()).max(y.abs()));
+fn numbers<E: Engine>(engine: &E, part: &[[f64; 3]]) -> Numbers {
+    let (places, before) = engine.comm().all_gather_with_offset(part);
+    let extent = places.iter().fold(0.0, |extent: f64, [x, y, _]| extent.max(x.abs()).max(y.abs()));
     let [columns, lines] = [0, 1].map(|axis| {
-        let values: Vec<f64> = all.iter().map(|place| place[axis]).collect();
+        let values: Vec<f64> = places.iter().map(|place| place[axis]).collect();
         ranks(&values, SAME * extent)
     });
-    let mut order: Vec<usize> = (0..all.len()).collect();
-    order.sort_by_key(|&i| (lines[i], columns[i], all[i][2] as usize));
-    let mut numbers = vec![0; all.len()];
+    let mut order: Vec<usize> = (0..places.len()).collect();
+    order.sort_by_key(|&i| (lines[i], columns[i], places[i][2] as usize));
+    let mut numbers = vec![0; places.len()];
     for (number, &i) in order.iter().enumerate() {
         numbers[i] = number;
     }
-    Numbers { own: numbers[before..][..own.len()].to_vec(), total: all.len() }
+    Numbers { own: numbers[before..][..part.len()].to_vec(), total: places.len() }
 }
 
 /// Returns the rank of each value among the different values, ascending.

@@ -1,4 +1,4 @@
-//! Loads that the caller of a model adds to those of its scene.
+//! Loads that the caller of a model adds to the loads of its scene.
 
 use super::Model;
 use crate::error::Result;
@@ -19,8 +19,8 @@ const ROUNDING: f64 = 1e-6;
 ///
 /// A load that is set holds from the instant [`ExternalLoad::next_time`], the first one that the
 /// scheme has not asked for, until another is set. It serves one scheme. A scheme asks for the
-/// loads of the first step as it starts, and later for that at the end of each step; Newmark's
-/// scheme, which computes `$U^{n+1}$` as it arrives at instant n, looks one step further ahead.
+/// loads of the first step as it starts, and later for the load at the end of each step. Newmark's
+/// scheme, which computes `$U^{n+1}$` as it arrives at instant n, asks one step further ahead.
 ///
 /// ```
 /// use rebond::{linalg::Engine, scene::Scene, simulation::Model};
@@ -48,22 +48,22 @@ struct LoadHistory {
     /// Load from the next instant on, in N, one entry per dof.
     present: Vec<f64>,
     /// Numbers of the instants, ascending, and their loads (N).
-    known: VecDeque<(u64, Vec<f64>)>,
+    instants: VecDeque<(u64, Vec<f64>)>,
 }
 
 impl LoadHistory {
     /// Returns the number of the first instant that no scheme has asked for.
     fn next(&self) -> u64 {
-        self.known.back().map_or(0, |(number, _)| number + 1)
+        self.instants.back().map_or(0, |(number, _)| number + 1)
     }
 
-    /// Makes the load known up to an instant.
+    /// Fixes the load up to an instant.
     fn extend(&mut self, number: u64) {
         if number >= self.next() {
-            if self.known.len() == KEPT {
-                self.known.pop_front();
+            if self.instants.len() == KEPT {
+                self.instants.pop_front();
             }
-            self.known.push_back((number, self.present.clone()));
+            self.instants.push_back((number, self.present.clone()));
         }
     }
 
@@ -71,10 +71,10 @@ impl LoadHistory {
     fn add(&mut self, time: f64, sum: &mut [f64]) {
         let position = (time / self.step).max(0.0);
         self.extend((position - ROUNDING).ceil() as u64);
-        let after = self.known.partition_point(|(number, _)| *number as f64 <= position + ROUNDING);
-        // The loads around the position; before the first known one it is constant.
-        let (low, high) = (after.max(1) - 1, after.min(self.known.len() - 1));
-        let [(from, at_from), (to, at_to)] = [&self.known[low], &self.known[high]];
+        let after = self.instants.partition_point(|(number, _)| *number as f64 <= position + ROUNDING);
+        // The loads around the position; the load is constant before the first of them.
+        let (low, high) = (after.max(1) - 1, after.min(self.instants.len() - 1));
+        let [(from, at_from), (to, at_to)] = [&self.instants[low], &self.instants[high]];
         let weight = (position - *from as f64) / (to - from).max(1) as f64;
         if weight <= ROUNDING || low == high {
             axpy(1.0, at_from, sum);
@@ -106,7 +106,7 @@ impl<E: Engine> Model<E> {
     /// Adds a load to the model that the caller sets from step to step, 0 at first.
     pub fn external_load(&mut self, scene: &Scene) -> ExternalLoad {
         let present = vec![0.0; self.system.engine.dofs()];
-        let history = LoadHistory { step: scene.time.step, present, known: VecDeque::new() };
+        let history = LoadHistory { step: scene.time.step, present, instants: VecDeque::new() };
         let load = ExternalLoad(Rc::new(RefCell::new(history)));
         let added = Rc::clone(&load.0);
         self.add_load(move |time, sum| {

@@ -166,24 +166,24 @@ impl StressWatch {
     /// earliest, then the first in x and y. Collective.
     pub fn largest(&self, comm: &impl Communicator) -> Option<StressPeak> {
         let sign = |surface: PlateSurface| surface.sign();
-        let of = |(peak, (at, _)): (&SitePeak, &Place)| (peak.value(), peak.time, *at, sign(peak.surface()));
+        let row = |(peak, (p, _)): (&SitePeak, &Place)| (peak.value(), peak.time, *p, sign(peak.surface()));
         type Numbers = (f64, f64, [f64; 2], f64);
         let earlier = |a: &Numbers, b: &Numbers| {
             a.1.total_cmp(&b.1).then(a.2[0].total_cmp(&b.2[0])).then(a.2[1].total_cmp(&b.2[1]))
         };
         let largest = comm.all_reduce_max(self.all().map(|(peak, _)| peak.value()).fold(0.0, f64::max));
         let is_equal = |numbers: &Numbers| numbers.0 >= (1.0 - SAME_STRESS) * largest;
-        let own: Vec<Numbers> = self.all().map(of).filter(is_equal).min_by(earlier).into_iter().collect();
-        let (value, time, at, sign) = comm.all_gather(&own).into_iter().min_by(earlier)?;
+        let best: Vec<Numbers> = self.all().map(row).filter(is_equal).min_by(earlier).into_iter().collect();
+        let (value, time, place, sign) = comm.all_gather(&best).into_iter().min_by(earlier)?;
         let surface = if sign < 0.0 { PlateSurface::Bottom } else { PlateSurface::Top };
-        Some(StressPeak { value, time, at, surface })
+        Some(StressPeak { value, time, at: place, surface })
     }
 
     /// Returns the envelope of all instants so far.
     pub(super) fn envelope(&self) -> Envelope<'_> {
         let sites = &self.sites;
         Envelope {
-            points: sites.places.iter().map(|(at, _)| *at).collect(),
+            points: sites.places.iter().map(|(point, _)| *point).collect(),
             cells: &sites.cells,
             von_mises: self.all().map(|(peak, _)| peak.value()).collect(),
             time: self.all().map(|(peak, _)| peak.time).collect(),
@@ -203,20 +203,20 @@ impl StressWatch {
         if !*same_processes {
             list = comm.all_gather(&list);
         }
-        let extent = sites.places.iter().flat_map(|(at, _)| *at).fold(0.0, |m: f64, x| m.max(x.abs()));
+        let extent = sites.places.iter().flat_map(|(x, _)| *x).fold(0.0, |m: f64, x| m.max(x.abs()));
         let grain = NEAR * comm.all_reduce_max(extent);
         let square = |x: f64| (x / grain).round() as i64;
-        let mut known = HashMap::new();
+        let mut peaks = HashMap::new();
         for &[x, y, part, of_peak, time, trace] in list.as_chunks().0 {
             let peak = SitePeak { square: of_peak, time, trace };
-            known.insert((square(x), square(y), part as usize), peak);
+            peaks.insert((square(x), square(y), part as usize), peak);
         }
         let find = |([x, y], part): &Place| {
             // Rounding may place a node on the other side of the border between two squares.
             let around = (-1..=1).flat_map(|i| (-1..=1).map(move |j| (i, j)));
-            let mut found = around.filter_map(|(i, j)| known.get(&(square(*x) + i, square(*y) + j, *part)));
+            let mut nodes = around.filter_map(|(i, j)| peaks.get(&(square(*x) + i, square(*y) + j, *part)));
             let missing = || Error::Checkpoint("the checkpoint lacks the stresses at a node".into());
-            found.next().copied().ok_or_else(missing)
+            nodes.next().copied().ok_or_else(missing)
         };
         self.peaks = comm.all_ok(sites.places.iter().map(find).collect())?;
         Ok(())

@@ -89,8 +89,8 @@ type Rows = [Vec<f64>; 3];
 
 /// Point of a subdivided cell.
 struct Corner {
-    at: Point,
-    place: CornerEntity,
+    point: Point,
+    entity: CornerEntity,
 }
 
 /// Entity of the cell on which a point lies; points on edges and inside are numbered in order.
@@ -128,9 +128,9 @@ impl Fields {
             }
             let mut numbers = Vec::with_capacity(corners.len());
             for (local, corner) in corners.iter().enumerate() {
-                let point = match corner.place {
+                let point = match corner.entity {
                     CornerEntity::Node(node) => match samples[node] {
-                        Some((of, _)) if part_of(of as usize) != part_of(number) => {
+                        Some((cell, _)) if part_of(cell as usize) != part_of(number) => {
                             *copies.entry((node, part_of(number))).or_insert_with(|| {
                                 lattice.points.push([f64::NAN; 2]);
                                 samples.push(None);
@@ -150,14 +150,14 @@ impl Fields {
                         first + if a < b { step - 1 } else { parts - 1 - step }
                     }
                     CornerEntity::Inside => {
-                        lattice.points.push([corner.at.x, corner.at.y]);
+                        lattice.points.push([corner.point.x, corner.point.y]);
                         samples.push(None);
                         samples.len() - 1
                     }
                 };
                 if samples[point].is_none() {
                     samples[point] = Some((number as u32, local as u32));
-                    lattice.points[point] = [corner.at.x, corner.at.y];
+                    lattice.points[point] = [corner.point.x, corner.point.y];
                 }
                 numbers.push(point);
             }
@@ -191,7 +191,7 @@ impl Fields {
         Ok(Some(fields))
     }
 
-    /// Returns the points affected by an obstacle of a region. Collective.
+    /// Returns the points opposite to an obstacle of a region. Collective.
     fn opposite(
         &self,
         region: &Region,
@@ -204,8 +204,8 @@ impl Fields {
             Region::All => Ok(points.collect()),
             Region::Where(condition) => {
                 let inside = |point: usize| {
-                    let at = self.lattice.points[point].into();
-                    Ok(regions::holds(condition, at, key)?.then_some(point))
+                    let place = self.lattice.points[point].into();
+                    Ok(regions::holds(condition, place, key)?.then_some(point))
                 };
                 partition.comm().all_ok(points.map(inside).filter_map(Result::transpose).collect())
             }
@@ -277,7 +277,7 @@ impl Fields {
             self.tips.iter().for_each(|&(dof, node)| at_points[node] += force[dof]);
             reaction = Some(at_points);
         }
-        let stresses = self.stresses.as_ref().map(|of| of.sample(&self.cells, &shape)).transpose()?;
+        let stresses = self.stresses.as_ref().map(|fields| fields.sample(&self.cells, &shape)).transpose()?;
         Ok(Snapshot {
             step: scheme.step(),
             time: scheme.time(),
@@ -326,24 +326,24 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
         Cell::Triangle([a, b, c]) => {
             for j in 0..=parts {
                 for i in 0..=parts - j {
-                    let place = match (i, j) {
+                    let entity = match (i, j) {
                         (i, 0) => edge([a, b], i),
                         (0, j) => edge([a, c], j),
                         (i, j) if i + j == parts => edge([b, c], j),
                         _ => CornerEntity::Inside,
                     };
-                    let at = vertices[0]
+                    let point = vertices[0]
                         + (vertices[1] - vertices[0]) * share(i)
                         + (vertices[2] - vertices[0]) * share(j);
                     numbers.insert((i, j), corners.len());
-                    corners.push(Corner { at, place });
+                    corners.push(Corner { point, entity });
                 }
             }
             for j in 0..parts {
                 for i in 0..parts - j {
-                    small.push([(i, j), (i + 1, j), (i, j + 1)].map(|at| numbers[&at]).to_vec());
+                    small.push([(i, j), (i + 1, j), (i, j + 1)].map(|ij| numbers[&ij]).to_vec());
                     if i + j + 2 <= parts {
-                        small.push([(i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|at| numbers[&at]).to_vec());
+                        small.push([(i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|ij| numbers[&ij]).to_vec());
                     }
                 }
             }
@@ -351,7 +351,7 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
         Cell::Quadrilateral([a, b, c, d]) => {
             for j in 0..=parts {
                 for i in 0..=parts {
-                    let place = match (i, j) {
+                    let entity = match (i, j) {
                         (i, 0) => edge([a, b], i),
                         (i, j) if j == parts => edge([d, c], i),
                         (0, j) => edge([a, d], j),
@@ -361,13 +361,13 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
                     let low = vertices[0] + (vertices[1] - vertices[0]) * share(i);
                     let high = vertices[3] + (vertices[2] - vertices[3]) * share(i);
                     numbers.insert((i, j), corners.len());
-                    corners.push(Corner { at: low + (high - low) * share(j), place });
+                    corners.push(Corner { point: low + (high - low) * share(j), entity });
                 }
             }
             for j in 0..parts {
                 for i in 0..parts {
                     let square = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)];
-                    small.push(square.map(|at| numbers[&at]).to_vec());
+                    small.push(square.map(|ij| numbers[&ij]).to_vec());
                 }
             }
         }
@@ -378,9 +378,9 @@ fn subdivided(cell: &Cell, vertices: &[Point], parts: usize) -> (Vec<Corner>, Ve
 /// Returns the basis functions of a cell at its points.
 fn basis(element: &AnyElement, corners: &[Corner]) -> Vec<Rows> {
     let rows = |corner: &Corner| {
-        let functions = element.basis_at(corner.at);
-        let row = |of: fn(&BasisFunction) -> f64| functions.iter().map(of).collect();
-        [row(|of| of.value), row(|of| of.gradient[0]), row(|of| of.gradient[1])]
+        let functions = element.basis_at(corner.point);
+        let row = |value: fn(&BasisFunction) -> f64| functions.iter().map(value).collect();
+        [row(|basis| basis.value), row(|basis| basis.gradient[0]), row(|basis| basis.gradient[1])]
     };
     corners.iter().map(rows).collect()
 }

@@ -56,13 +56,13 @@ impl ObstacleRecord {
         let (Some(impact), hardest) = (&mut self.impact, &mut self.total.hardest) else { return };
         impact.impulse += impulse;
         let is_harder =
-            |of: &HardestImpact| impact.time == of.time || impact.impulse.abs() > of.impulse.abs();
+            |other: &HardestImpact| impact.time == other.time || impact.impulse.abs() > other.impulse.abs();
         if hardest.as_ref().is_none_or(is_harder) {
             *hardest = Some(*impact);
         }
     }
 
-    /// Records that a node touches or leaves, of an event-driven scheme.
+    /// Records the closing or opening of the gap at a node, for an event-driven scheme.
     fn event(&mut self, closes: bool, impact: Impact, scheme: &dyn Scheme) -> Result<()> {
         if self.last.is_none() {
             self.begin(Some(impact), scheme)?;
@@ -130,9 +130,9 @@ pub(super) struct ForceRecorder {
 impl ForceRecorder {
     /// Prepares the records of the named supports and obstacles of a scene.
     pub fn new<E: Engine>(scene: &Scene, model: &Model<E>) -> ForceRecorder {
-        let named = scene.obstacles.iter().enumerate();
-        let obstacles: Vec<_> = named.filter_map(|(k, of)| Some((of.name.clone()?, k))).collect();
-        let supports: Vec<String> = scene.supports.iter().filter_map(|of| of.name.clone()).collect();
+        let names = scene.obstacles.iter().map(|obstacle| obstacle.name.clone()).enumerate();
+        let obstacles: Vec<_> = names.filter_map(|(k, name)| Some((name?, k))).collect();
+        let supports: Vec<_> = scene.supports.iter().filter_map(|support| support.name.clone()).collect();
         ForceRecorder {
             reactions: vec![SupportRecord::default(); supports.len()],
             supports,
@@ -140,7 +140,7 @@ impl ForceRecorder {
             attribution: model.attribution.clone(),
             records: vec![ObstacleRecord::default(); obstacles.len()],
             obstacles,
-            sliders: scene.sliders.iter().map(|of| (0.0, of.name.is_some())).collect(),
+            sliders: scene.sliders.iter().map(|slider| (0.0, slider.name.is_some())).collect(),
         }
     }
 
@@ -148,23 +148,23 @@ impl ForceRecorder {
     ///
     /// # Errors
     /// Returns the errors of the obstacles' heights and of the scheme.
-    pub fn note<E: Engine>(
+    pub fn record<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
         scheme: &mut dyn Scheme,
         events: &[Event],
     ) -> Result<()> {
-        self.note_supports(scene, model, scheme)?;
+        self.record_supports(scene, model, scheme)?;
         if !self.sliders.is_empty() {
             let friction = model.friction(scene, scheme).into_iter();
             self.sliders.iter_mut().zip(friction).for_each(|(slider, [force, _])| slider.0 = force);
         }
-        self.note_obstacles(scene, model, scheme, events)
+        self.record_obstacles(scene, model, scheme, events)
     }
 
     /// Records the reactions of the supports at a step. Collective.
-    fn note_supports<E: Engine>(
+    fn record_supports<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
@@ -186,7 +186,7 @@ impl ForceRecorder {
     }
 
     /// Records the forces of the obstacles at a step and its events. Collective.
-    fn note_obstacles<E: Engine>(
+    fn record_obstacles<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
@@ -212,10 +212,10 @@ impl ForceRecorder {
             }
             if nodes > 0.0 {
                 if record.last.is_none() {
-                    let of = |bound: usize| {
+                    let is_chosen = |bound: usize| {
                         attribution.obstacle(bound, scheme.reaction()[bound]) == Some(*obstacle)
                     };
-                    record.begin(first_impact(model, scheme, step, &of)?, scheme)?;
+                    record.begin(first_impact(model, scheme, step, &is_chosen)?, scheme)?;
                 }
                 record.last = Some(time);
                 match (is_event_driven, scheme.step()) {
@@ -239,13 +239,13 @@ impl ForceRecorder {
     /// Returns the errors of communication.
     pub fn at_nodes<E: Engine>(&self, model: &Model<E>) -> Result<Option<Vec<NodeReaction>>> {
         let Some(reactions) = &model.reactions else { return Ok(None) };
-        let own = reactions.distribution(&self.at_nodes)?;
+        let part = reactions.distribution(&self.at_nodes)?;
         let numbers = |(support, [x, y], [force, mx, my]): (usize, [f64; 2], Wrench)| {
             [support as f64, x, y, force, mx, my]
         };
-        let own: Vec<[f64; 6]> = own.into_iter().map(numbers).collect();
-        let mut all = model.system.engine.comm().all_gather(&own);
-        all.sort_by(|a, b| {
+        let part: Vec<[f64; 6]> = part.into_iter().map(numbers).collect();
+        let mut rows = model.system.engine.comm().all_gather(&part);
+        rows.sort_by(|a, b| {
             a[..3].iter().zip(&b[..3]).fold(Ordering::Equal, |so_far, (a, b)| so_far.then(a.total_cmp(b)))
         });
         let row = |[support, x, y, force, mx, my]: [f64; 6]| NodeReaction {
@@ -254,7 +254,7 @@ impl ForceRecorder {
             force,
             moments: [mx, my],
         };
-        Ok(Some(all.into_iter().map(row).collect()))
+        Ok(Some(rows.into_iter().map(row).collect()))
     }
 
     /// Returns the values of the force columns of a row, and begins the impulses of the next row.
@@ -303,7 +303,7 @@ fn own_sums(scheme: &dyn Scheme, attribution: &Attribution, obstacles: &[(String
     let mut sums = vec![0.0; SUMS * obstacles.len()];
     let mut add = |bound: usize, push: f64, values: [f64; SUMS]| {
         let obstacle = attribution.obstacle(bound, push);
-        if let Some(k) = obstacles.iter().position(|(_, of)| Some(*of) == obstacle) {
+        if let Some(k) = obstacles.iter().position(|(_, number)| Some(*number) == obstacle) {
             sums[SUMS * k..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         }
     };

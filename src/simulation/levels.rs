@@ -48,9 +48,9 @@ fn choose(scene: &Scene, cells: [u64; 2], levels: u32, ranks: usize) -> LinearCh
             direct(format!("solver.vi = \"{}\" needs factors", scene.solver.vi))
         }
         LinearSolver::Auto => match meshing::memory_with_factors(scene, cells, ranks) {
-            Some([needed, left]) => {
-                let [least, room] = [needed, left].map(memory::size);
-                if needed > left / 2 {
+            Some([needed, free]) => {
+                let [least, room] = [needed, free].map(memory::size);
+                if needed > free / 2 {
                     multigrid(format!("factors need {least} at least, more than half of the {room} left"))
                 } else {
                     direct(format!("factors need {least} at least, less than half of the {room} left"))

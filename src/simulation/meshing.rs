@@ -22,8 +22,8 @@ const PER_CELL_ON_PETSC: [u64; 2] = [5_000, 12_000];
 fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64, factors: usize) -> u64 {
     let cells = triangles + quadrangles;
     let dofs = 3 * (triangles / 2 + quadrangles);
-    let of = if scene.solver.engine == EngineName::Petsc { PER_CELL_ON_PETSC } else { PER_CELL };
-    let set_up = of[0] * triangles + of[1] * quadrangles;
+    let bytes = if scene.solver.engine == EngineName::Petsc { PER_CELL_ON_PETSC } else { PER_CELL };
+    let set_up = bytes[0] * triangles + bytes[1] * quadrangles;
     // Entries per row of the factor, by minimum degree ordering and by banded ordering.
     let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
     let factors = (8.0 * row * dofs as f64) as u64 * factors as u64;
@@ -54,10 +54,10 @@ pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize, facto
         let across = across as f64 * (pieces as f64 * part).sqrt();
         least_memory(scene, cells, across.min(1e9) as u64, factors) / ranks as u64
     };
-    let all = (cells[0] + cells[1]) * pieces;
+    let count = (cells[0] + cells[1]) * pieces;
     let what = match ranks {
-        1 => format!("a run with {all} cells"),
-        _ => format!("the part of a run with {all} cells on each of {ranks} ranks"),
+        1 => format!("a run with {count} cells"),
+        _ => format!("the part of a run with {count} cells on each of {ranks} ranks"),
     };
     let bytes = needed(1.0);
     memory::require_of_each(bytes, memory::processes_here(), &what, |part| {
@@ -67,7 +67,7 @@ pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize, facto
             let [nx, ny] = grid.cells.map(|cells| ((cells as f64 * fits.sqrt()) as usize).max(1));
             format!("mesh.cells = [{nx}, {ny}] would fit")
         } else {
-            format!("about {} cells would fit", (all as f64 * fits) as u64)
+            format!("about {} cells would fit", (count as f64 * fits) as u64)
         }
     })
 }
@@ -110,13 +110,13 @@ pub(super) fn marks(scene: &Scene) -> Vec<(String, Mark)> {
     let obstacles = scene.obstacles.iter().enumerate().filter_map(|(number, obstacle)| {
         let key = format!("obstacle.{number}");
         match obstacle.region {
-            Region::At(at) => Some((format!("{key}.at"), Mark::At(at.into()))),
+            Region::At(point) => Some((format!("{key}.at"), Mark::At(point.into()))),
             Region::Line(ends) => Some((format!("{key}.line"), Mark::Line(ends.map(Point::from)))),
             _ => None,
         }
     });
     let supports = scene.supports.iter().enumerate().filter_map(|(number, support)| match support.stand {
-        SupportLocation::At(at) => Some((format!("support.{number}.at"), Mark::At(at.into()))),
+        SupportLocation::At(point) => Some((format!("support.{number}.at"), Mark::At(point.into()))),
         _ => None,
     });
     obstacles.chain(supports).collect()

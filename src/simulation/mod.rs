@@ -45,7 +45,7 @@ pub use meshing::{mesh, mesh_and_made};
 pub use named_forces::{HardestImpact, NamedForce, NodeReaction, ObstacleForce, SupportForce};
 pub use observer::{Both, NodeEvent, Observer, Row};
 pub use opposite::opposite;
-pub(crate) use outcome::note_contact;
+pub(crate) use outcome::add_contact;
 pub use outcome::{BlockSeconds, EnergySpan, Impact, LinearIterations, Outcome, Seconds};
 pub use pause::RunState;
 pub use phase::on_phase;
@@ -336,8 +336,8 @@ impl<E: Engine> Model<E> {
         self.extremes.as_ref().map(StressWatch::new)
     }
 
-    /// Returns whether the values at all probes are those of [`Model::probes`]: deflections beside
-    /// supports that do not move.
+    /// Returns whether [`Model::probes`] give the values at all probes: deflections beside supports
+    /// that do not move.
     pub fn probes_deflections_only(&self) -> bool {
         self.readings.are_deflections_only()
     }
@@ -358,7 +358,7 @@ where
     Ok(Box::new(Condensed::new(engine, sum, bounded)?))
 }
 
-/// Returns an error unless this engine and its contact solvers are those that the scene asks for.
+/// Returns an error unless the scene asks for this engine and for one of its contact solvers.
 fn serves(scene: &Scene, engine: EngineName) -> Result<()> {
     if scene.solver.engine != engine {
         return Err(Error::Usage(format!(
@@ -368,13 +368,13 @@ fn serves(scene: &Scene, engine: EngineName) -> Result<()> {
     }
     let has = |vi: &ContactSolver| engine == EngineName::Petsc || vi.runs_on_any_engine();
     if !has(&scene.solver.vi) {
-        let known = ContactSolver::ALL.into_iter().filter(has);
-        let known: Vec<String> = known.map(|vi| format!("\"{vi}\"")).collect();
+        let names = ContactSolver::ALL.into_iter().filter(has);
+        let names: Vec<String> = names.map(|vi| format!("\"{vi}\"")).collect();
         return Err(Error::Usage(format!(
             "solver.vi: the {} engine has no \"{}\"; it has {}",
             engine,
             scene.solver.vi,
-            known.join(", ")
+            names.join(", ")
         )));
     }
     if scene.time.mass == Mass::Modal && scene.solver.vi != ContactSolver::Condensed {

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 /// Contact with the largest impulse.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct HardestImpact {
-    /// Time, in s, determined like that of [`Impact`](super::Impact).
+    /// Time, in s, determined as in [`Impact`](super::Impact).
     pub time: f64,
     /// Position of the node that touches first, in m.
     pub at: [f64; 2],

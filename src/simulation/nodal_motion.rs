@@ -34,7 +34,7 @@ impl NodalMotion {
         Ok(shape)
     }
 
-    /// Adds what support velocities (m/s) give to rates in the frame of the supports.
+    /// Adds the share of support velocities (m/s) to rates in the frame of the supports.
     pub fn carry(&self, support_rates: &[f64], rates: &mut [f64]) {
         self.lifts.iter().zip(support_rates).for_each(|(lift, rate)| axpy(*rate, &lift.shape, rates));
     }

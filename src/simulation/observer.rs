@@ -55,7 +55,7 @@ pub trait Observer {
 
     /// Receives force and moments at each node of the named supports at a step and its time (s), in
     /// the order of the supports; with each snapshot, or at the start where there are none, and at
-    /// the end. All processes receive the nodes of all.
+    /// the end. All processes receive all nodes.
     ///
     /// # Errors
     /// Returns the same errors as [`Observer::row`].
@@ -80,7 +80,7 @@ pub trait Observer {
     }
 
     /// Receives the notice that every process has received its part of the snapshot of that step
-    /// and time (s), with what each wrote.
+    /// and time (s), with the extent that each wrote.
     ///
     /// # Errors
     /// Returns the same errors as [`Observer::row`].
@@ -163,8 +163,8 @@ impl<F: FnMut(&Row) -> Result<()>> Observer for F {
     }
 }
 
-/// Pair of observers. Both receive everything, the first one first; what fails for the first does
-/// not reach the second. Only the second may write snapshots.
+/// Pair of observers. Both receive everything, the first one first; after an error of the first the
+/// second receives nothing. Only the second may write snapshots.
 pub struct Both<A, B>(pub A, pub B);
 
 impl<A: Observer, B: Observer> Observer for Both<A, B> {

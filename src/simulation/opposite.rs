@@ -20,11 +20,11 @@ pub fn opposite(scene: &Scene) -> Result<BTreeMap<String, Vec<f64>>> {
     let mesh = if has_names { Some(meshing::mesh(scene)?) } else { None };
     let mut opposite = BTreeMap::new();
     for probe in scene.output.probes.iter().filter(|probe| probe.ball.is_none()) {
-        let at = Point::from(probe.at);
+        let point = Point::from(probe.at);
         let mut heights = Vec::new();
         for obstacle in scene.obstacles.iter().filter(|obstacle| !obstacle.height.changes()) {
-            if is_in(&obstacle.region, at, mesh.as_ref())? {
-                let height = obstacle.height.at(at, 0.0)?;
+            if is_in(&obstacle.region, point, mesh.as_ref())? {
+                let height = obstacle.height.at(point, 0.0)?;
                 if !heights.contains(&height) {
                     heights.push(height);
                 }
@@ -36,29 +36,29 @@ pub fn opposite(scene: &Scene) -> Result<BTreeMap<String, Vec<f64>>> {
 }
 
 /// Returns whether a point lies in a region of the plate.
-fn is_in(region: &Region, at: Point, mesh: Option<&Mesh>) -> Result<bool> {
+fn is_in(region: &Region, point: Point, mesh: Option<&Mesh>) -> Result<bool> {
     Ok(match region {
         Region::All => true,
-        Region::Where(condition) => regions::holds(condition, at, "obstacle")?,
+        Region::Where(condition) => regions::holds(condition, point, "obstacle")?,
         Region::Group(name) => mesh.is_some_and(|mesh| {
             let members = mesh.groups.get(name);
-            members.is_some_and(|members| mesh.cells_at(at).any(|cell| members.contains(&cell)))
+            members.is_some_and(|members| mesh.cells_at(point).any(|cell| members.contains(&cell)))
         }),
         Region::Point(name) => mesh.is_some_and(|mesh| {
             let nodes = mesh.points.get(name).into_iter().flatten();
-            nodes.map(|&node| mesh.nodes[node].into()).any(|place| is_on([place, place], at))
+            nodes.map(|&node| mesh.nodes[node].into()).any(|place| is_on([place, place], point))
         }),
-        Region::At(place) => is_on([*place, *place], at),
-        Region::Line(ends) => is_on(*ends, at),
+        Region::At(place) => is_on([*place, *place], point),
+        Region::Line(ends) => is_on(*ends, point),
     })
 }
 
 /// Returns whether a point lies on the straight line between two ends.
-fn is_on(ends: [[f64; 2]; 2], at: Point) -> bool {
+fn is_on(ends: [[f64; 2]; 2], point: Point) -> bool {
     let [from, to] = ends.map(Point::from);
     let side = to - from;
-    let share = (at - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE);
+    let share = (point - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE);
     let nearest = from + side * share.clamp(0.0, 1.0);
-    let scale = [from, to, at].iter().map(|point| point.coords.amax()).fold(0.0, f64::max);
-    (at - nearest).norm() <= NEAR * scale
+    let scale = [from, to, point].iter().map(|point| point.coords.amax()).fold(0.0, f64::max);
+    (point - nearest).norm() <= NEAR * scale
 }

@@ -42,7 +42,7 @@ pub struct EnergySpan {
 
 impl EnergySpan {
     /// Records the energy of a row, in J.
-    pub(super) fn note(&mut self, energy: f64) {
+    pub(super) fn record(&mut self, energy: f64) {
         self.end = energy;
         self.min = self.min.min(energy);
         self.max = self.max.max(energy);
@@ -188,7 +188,7 @@ impl Outcome {
         })
     }
 
-    /// Saves or restores what steps change here; the rest is in the schemes.
+    /// Saves or restores the numbers that steps change; the schemes have the others.
     pub(super) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         for count in [&mut self.steps, &mut self.contact_steps, &mut self.vi_iterations, &mut self.retries] {
             archive.value(count)?;
@@ -207,12 +207,12 @@ impl Outcome {
     /// run to an earlier end.
     pub(super) fn join_contacts(&mut self, scene: &Scene) {
         let mut joined = Vec::new();
-        self.contacts.iter().for_each(|&interval| note_interval(&mut joined, scene, interval));
+        self.contacts.iter().for_each(|&interval| add_interval(&mut joined, scene, interval));
         self.contacts = joined;
     }
 
     /// Records the events up to the present instant, and returns them.
-    pub(super) fn note_events<E: Engine>(
+    pub(super) fn record_events<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
@@ -226,7 +226,7 @@ impl Outcome {
             if closes && self.first_impact.is_none() {
                 self.first_impact = Some(Impact { time, node, at, velocity });
             }
-            note_contact(&mut self.contacts, scene, time);
+            add_contact(&mut self.contacts, scene, time);
             observer.event(&NodeEvent { node, at, event })?;
         }
         Ok(events)
@@ -234,7 +234,7 @@ impl Outcome {
 
     /// Records a step, given whether it had events and whether nothing touched on this rank.
     /// Returns the number of nodes in contact and their total force, in N. Collective.
-    pub(super) fn note<E: Engine>(
+    pub(super) fn record<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
@@ -274,19 +274,19 @@ impl Outcome {
             if self.first_impact.is_none() {
                 self.first_impact = first_impact(model, scheme, scene.time.step, &|_| true)?;
             }
-            note_contact(&mut self.contacts, scene, scheme.time());
+            add_contact(&mut self.contacts, scene, scheme.time());
         }
         Ok((nodes, force))
     }
 }
 
 /// Adds an instant of contact (s) to the intervals, see [`Outcome::contacts`].
-pub(crate) fn note_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f64) {
-    note_interval(contacts, scene, [time, time]);
+pub(crate) fn add_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f64) {
+    add_interval(contacts, scene, [time, time]);
 }
 
 /// Adds an interval of contact (s) to the intervals, joined to the last one where it is close.
-fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64; 2]) {
+fn add_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64; 2]) {
     let together = (0.01 * scene.time.end).max(1.5 * scene.time.step);
     match contacts.last_mut() {
         Some([_, last]) if begin - *last <= together => *last = end,
@@ -294,8 +294,8 @@ fn note_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64
     }
 }
 
-/// Returns the impact that comes first among the bounds met in this step that are `chosen`, if node
-/// and obstacle move uniformly. Collective.
+/// Returns the earliest impact of this step among the bounds that are `chosen`, if node and
+/// obstacle move uniformly. Collective.
 pub(super) fn first_impact<E: Engine>(
     model: &Model<E>,
     scheme: &dyn Scheme,
@@ -315,26 +315,26 @@ pub(super) fn first_impact<E: Engine>(
     let [from, to] = [model.system.bounds_at(before)?, model.system.bounds_at(before + step)?];
     let met = |(bound, &r): (usize, &f64)| {
         let approach = scheme.approach(bound);
-        let of = |bounds: &Bounds| if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
-        let rate = (of(&to) - of(&from)) / step;
+        let height = |bounds: &Bounds| if r > 0.0 { bounds.lower[bound] } else { bounds.upper[bound] };
+        let rate = (height(&to) - height(&from)) / step;
         // An absent obstacle has infinite height and gets the rate zero.
         let rate = if rate.is_finite() { rate } else { 0.0 };
-        let target = if drive.bounds.is_some() && of(&from).is_finite() {
-            of(&from) + rate * (approach.time - before)
+        let target = if drive.bounds.is_some() && height(&from).is_finite() {
+            height(&from) + rate * (approach.time - before)
         } else {
-            of(scheme.limits())
+            height(scheme.limits())
         };
         let (gap, velocity) = (target - approach.deflection, approach.velocity - rate);
         let mut delay = if gap == 0.0 { 0.0 } else { gap / velocity };
         if drive.bounds.is_some() {
             delay = delay.min(scheme.time() + step - approach.time).max(0.0);
         }
-        let DeflectionDof { node, at, .. } = model.sites[bound];
-        ((approach.time + delay).max(0.0), velocity, node, at)
+        let DeflectionDof { node, at: place, .. } = model.sites[bound];
+        ((approach.time + delay).max(0.0), velocity, node, place)
     };
     let touched = touched();
-    let own = touched.map(met).min_by(|a, b| a.0.total_cmp(&b.0));
-    let all = engine.comm().all_gather(own.as_slice());
-    let first = all.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
-    Ok(first.map(|(time, velocity, node, at)| Impact { time, node, at, velocity }))
+    let first = touched.map(met).min_by(|a, b| a.0.total_cmp(&b.0));
+    let impacts = engine.comm().all_gather(first.as_slice());
+    let first = impacts.into_iter().min_by(|a, b| a.0.total_cmp(&b.0));
+    Ok(first.map(|(time, velocity, node, place)| Impact { time, node, at: place, velocity }))
 }

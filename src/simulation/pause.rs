@@ -8,7 +8,7 @@ use crate::linalg::Engine;
 use crate::scheme::System;
 use serde::{Deserialize, Serialize};
 
-/// Whole state of a run between two steps: that of the scheme and of the main loop.
+/// Whole state of a run between two steps: the scheme and the main loop.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunState {
     /// Index of the last step made.
@@ -22,7 +22,7 @@ pub struct RunState {
 }
 
 impl RunState {
-    /// Collects the state that `state` shows after a step, on the first process only. Collective.
+    /// Collects what `state` archives after a step, on the first process only. Collective.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -35,10 +35,10 @@ impl RunState {
         let System { engine, bounds, .. } = &model.system;
         let mut archive = Archive::Saves(Vec::new());
         state(&mut archive)?;
-        let own = (archive.into_entries(), model.places.numbering(engine, &bounds.dofs));
+        let share = (archive.into_entries(), model.places.numbering(engine, &bounds.dofs));
         let parts: Vec<_> = engine
             .comm()
-            .gather(&archive::to_bytes(&own)?)
+            .gather(&archive::to_bytes(&share)?)
             .iter()
             .map(|part| archive::from_bytes(part))
             .collect::<Result<_>>()?;
@@ -50,7 +50,7 @@ impl RunState {
     /// Returns the archive that restores this process's part of the state. Collective.
     ///
     /// # Errors
-    /// Returns [`crate::Error::Checkpoint`] where the state is that of another model.
+    /// Returns [`crate::Error::Checkpoint`] for the state of another model.
     pub(super) fn part<E: Engine>(self, model: &Model<E>) -> Result<Archive> {
         let System { engine, bounds, .. } = &model.system;
         let numbering = model.places.numbering(engine, &bounds.dofs);

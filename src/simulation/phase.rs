@@ -12,13 +12,13 @@ thread_local! {
 /// Sets the listener that receives the phases of set-ups on this thread, in a word or two. It
 /// replaces any other; `None` removes it.
 pub fn on_phase(listener: Option<Listener>) {
-    LISTENER.with(|of| *of.borrow_mut() = listener);
+    LISTENER.with(|cell| *cell.borrow_mut() = listener);
 }
 
 /// Reports the beginning of a phase to the listener, if there is one.
 pub(crate) fn phase(name: &'static str) {
-    LISTENER.with(|of| {
-        if let Ok(listener) = of.try_borrow()
+    LISTENER.with(|cell| {
+        if let Ok(listener) = cell.try_borrow()
             && let Some(listener) = &*listener
         {
             listener(name);

@@ -24,8 +24,8 @@ impl<'s> PlateAssembly<'s> {
     pub fn new(scene: &'s Scene, mesh: &Mesh, comm: &impl Communicator) -> Result<PlateAssembly<'s>> {
         let mut part_of = vec![0; mesh.cells.len()];
         for (number, part) in scene.parts.iter().enumerate() {
-            let inside = cells_in(&part.region, mesh, comm, &format!("part.{number}"))?;
-            part_of.iter_mut().zip(inside).filter(|(_, inside)| *inside).for_each(|(of, _)| *of = number + 1);
+            let hits = cells_in(&part.region, mesh, comm, &format!("part.{number}"))?;
+            part_of.iter_mut().zip(hits).filter(|(_, hit)| *hit).for_each(|(part, _)| *part = number + 1);
         }
         let mut body = PlateAssembly { scene, part_of, rules: Rules::new() };
         body.rules = body.find_rules(mesh, comm)?;
@@ -65,13 +65,13 @@ impl Sections for PlateAssembly<'_> {
         self.part_of[cell]
     }
 
-    fn section(&self, cell: usize, at: Point) -> Result<Section> {
+    fn section(&self, cell: usize, point: Point) -> Result<Section> {
         let (plate, thickness) = self.plate(cell);
         let Some(given) = thickness else { return Ok(plate.section()) };
-        let thickness = given.at(at, 0.0)?;
+        let thickness = given.at(point, 0.0)?;
         if thickness <= 0.0 {
             let wrong =
-                format!("{thickness:?} m at ({}, {}); expected a thickness greater than 0", at.x, at.y);
+                format!("{thickness:?} m at ({}, {}); expected a thickness greater than 0", point.x, point.y);
             return Err(Error::Scene(format!("{}: {wrong}", given.key)));
         }
         Ok(Plate { thickness, ..*plate }.section())

@@ -64,7 +64,7 @@ impl Readings {
                 // Whoever asks for moments has the curvatures prepared.
                 (
                     ProbeQuantity::Moment(_) | ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_),
-                    Some(of),
+                    Some(curvatures),
                 ) => {
                     let is_moment = matches!(quantity, ProbeQuantity::Moment(_));
                     let map = |section: &Section| {
@@ -72,10 +72,10 @@ impl Readings {
                             * if is_moment { 1.0 } else { section.stress_per_moment() }
                     };
                     let key = format!("probe \"{}\"", probe.name);
-                    let components = of.mapped_at(ground, &key, probe.at, map)?;
+                    let components = curvatures.mapped_at(ground, &key, probe.at, map)?;
                     components
                         .iter()
-                        .map(|of| ground.framed(Some(of), None, &shapes))
+                        .map(|component| ground.framed(Some(component), None, &shapes))
                         .collect::<Result<_>>()?
                 }
                 _ => vec![deflection.clone()],
@@ -105,14 +105,14 @@ impl Readings {
         let is_place = |quantity: ProbeQuantity| !moves.contains(&quantity);
         let places = self.motions.iter().map(|motion| motion.at(Point::origin(), scheme.time()));
         let places: Vec<f64> = places.collect::<Result<_>>()?;
-        let own = self.sums(is_place, |dof| scheme.displacement_of(dof), &places);
-        let all = system.engine.comm().all_reduce_sum_slice(&own);
-        let mut sums = all.as_slice();
+        let shares = self.sums(is_place, |dof| scheme.displacement_of(dof), &places);
+        let totals = system.engine.comm().all_reduce_sum_slice(&shares);
+        let mut sums = totals.as_slice();
         let readings = || self.readings.iter().enumerate();
         for (probe, reading) in readings().filter(|(_, reading)| is_place(reading.quantity)) {
-            let (of, rest) = sums.split_at(reading.terms.len());
+            let (terms, rest) = sums.split_at(reading.terms.len());
             sums = rest;
-            values[probe] = reading.value(of);
+            values[probe] = reading.value(terms);
         }
         let velocities = self.velocities(system, scheme, ProbeQuantity::Velocity)?;
         let moving = readings().filter(|(_, reading)| reading.quantity == ProbeQuantity::Velocity);
@@ -129,15 +129,15 @@ impl Readings {
         scheme: &mut dyn Scheme,
         quantity: ProbeQuantity,
     ) -> Result<Vec<f64>> {
-        let is_chosen = |of: ProbeQuantity| of == quantity;
+        let is_chosen = |other: ProbeQuantity| other == quantity;
         if !self.readings.iter().any(|reading| is_chosen(reading.quantity)) {
             return Ok(Vec::new());
         }
         let mut rates = scheme.support_rates()?;
         rates.resize(self.motions.len(), 0.0);
         let velocity = scheme.velocity()?;
-        let own = self.sums(is_chosen, |dof| velocity[dof], &rates);
-        Ok(system.engine.comm().all_reduce_sum_slice(&own))
+        let shares = self.sums(is_chosen, |dof| velocity[dof], &rates);
+        Ok(system.engine.comm().all_reduce_sum_slice(&shares))
     }
 
     /// Returns this process's share of the sums of chosen readings, for given values of the dofs
@@ -149,8 +149,8 @@ impl Readings {
         moved: &[f64],
     ) -> Vec<f64> {
         let sum = |(probe, lifts): &FramedProbe| {
-            let own = probe.weights().iter().map(|&(number, weight)| weight * dof(number)).sum();
-            lifts.iter().zip(moved).fold(own, |sum: f64, (lift, moved)| sum + moved * lift)
+            let framed = probe.weights().iter().map(|&(number, weight)| weight * dof(number)).sum();
+            lifts.iter().zip(moved).fold(framed, |sum: f64, (lift, moved)| sum + moved * lift)
         };
         let chosen = self.readings.iter().filter(|reading| is_chosen(reading.quantity));
         chosen.flat_map(|reading| reading.terms.iter().map(&sum)).collect()
@@ -203,7 +203,7 @@ impl Reading {
     fn value(&self, sums: &[f64]) -> f64 {
         let [xx, yy, xy] = [0, 1, 2].map(|k| sums.get(k).copied().unwrap_or(0.0));
         let moments = Moments { xx, yy, xy };
-        let of = |component: StressComponent| match component {
+        let value = |component: StressComponent| match component {
             StressComponent::Xx => moments.xx,
             StressComponent::Yy => moments.yy,
             StressComponent::Xy => moments.xy,
@@ -211,7 +211,7 @@ impl Reading {
             StressComponent::Min => moments.principal()[1],
         };
         match self.quantity {
-            ProbeQuantity::Moment(component) => of(component),
+            ProbeQuantity::Moment(component) => value(component),
             ProbeQuantity::Stress(component, surface) => {
                 // Principal stresses keep their order where the sign turns.
                 let component = match (component, surface.sign() < 0.0) {
@@ -219,7 +219,7 @@ impl Reading {
                     (StressComponent::Min, true) => StressComponent::Max,
                     (component, _) => component,
                 };
-                surface.sign() * of(component)
+                surface.sign() * value(component)
             }
             ProbeQuantity::VonMises(_) => moments.von_mises(),
             _ => xx,

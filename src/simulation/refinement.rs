@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::mesh::Mesh;
 
 /// Largest uncertain part of a field's integral that is accepted where its refinement stopped.
-const LEFT: f64 = 0.01;
+const UNCERTAIN: f64 = 0.01;
 
 /// Returns the rules of the cells that need them for the field of a key, which does not change with
 /// time and is given cell by cell. Collective.
@@ -19,18 +19,18 @@ pub(super) fn rules<'f>(
 ) -> Result<Rules> {
     let pieces = comm.all_ok(assembly::pieces(mesh))?;
     let refined = adaptive::refine(&pieces, field, adaptive::ONCE, comm);
-    seen(key, comm.all_ok(refined)?)
+    accepted(key, comm.all_ok(refined)?)
 }
 
-/// Returns the quadrature rules found for the field of a key, or an error where too much of its
-/// integral is uncertain.
-pub(super) fn seen(key: &str, refined: Refined) -> Result<Rules> {
-    let Refined { rules, size, left, .. } = refined;
-    if left <= LEFT * size {
+/// Returns the quadrature rules for the field of a key, or an error where too much of its integral
+/// is uncertain.
+pub(super) fn accepted(key: &str, refined: Refined) -> Result<Rules> {
+    let Refined { rules, size, left: uncertain, .. } = refined;
+    if uncertain <= UNCERTAIN * size {
         return Ok(rules);
     }
     Err(Error::Scene(format!(
-        "{key}: its integral over the plate is {size:.3e}, of which {left:.3e} are not certain after all refinement; expected a \
+        "{key}: its integral over the plate is {size:.3e}, of which {uncertain:.3e} are not certain after all refinement; expected a \
          formula whose jumps and peaks are wider, or a finer mesh"
     )))
 }

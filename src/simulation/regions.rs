@@ -37,7 +37,7 @@ pub(super) fn supports(
                 })?;
                 Place::Edges(chosen)
             }
-            SupportLocation::At(at) => Place::Nodes(nodes_at(mesh, *at, comm, &key)?),
+            SupportLocation::At(point) => Place::Nodes(nodes_at(mesh, *point, comm, &key)?),
             SupportLocation::Point(name) => {
                 Place::Nodes(named(&mesh.points, "point", name, comm, &key)?.to_vec())
             }
@@ -47,7 +47,7 @@ pub(super) fn supports(
     Ok(supports)
 }
 
-/// Returns this process's members of what the mesh has under a name; `what` is the word for it,
+/// Returns this process's members of a named list of the mesh; `what` is the word for its kind,
 /// also in keys. Collective.
 pub(super) fn named<'m, T>(
     lists: &'m BTreeMap<String, Vec<T>>,
@@ -58,15 +58,15 @@ pub(super) fn named<'m, T>(
 ) -> Result<&'m [T]> {
     let members = lists.get(name).map_or(&[][..], Vec::as_slice);
     require(comm, !members.is_empty(), || {
-        let known: Vec<&str> = lists.keys().map(String::as_str).collect();
-        format!("{key}.{what}: the mesh has no {what} named \"{name}\"; it has: {}", known.join(", "))
+        let names: Vec<&str> = lists.keys().map(String::as_str).collect();
+        format!("{key}.{what}: the mesh has no {what} named \"{name}\"; it has: {}", names.join(", "))
     })?;
     Ok(members)
 }
 
 /// Returns whether a condition of a table holds at a point.
-pub(super) fn holds(condition: &Condition, at: Point, key: &str) -> Result<bool> {
-    condition.holds(at, 0.0).map_err(|fault| Error::Scene(format!("{key}.where: {fault}")))
+pub(super) fn holds(condition: &Condition, point: Point, key: &str) -> Result<bool> {
+    condition.holds(point, 0.0).map_err(|fault| Error::Scene(format!("{key}.where: {fault}")))
 }
 
 /// Returns an error unless `here` is true on some process. Collective.
@@ -76,16 +76,16 @@ pub(super) fn require(comm: &impl Communicator, here: bool, wrong: impl Fn() -> 
 
 /// Returns the nodes of this process at a point. Collective.
 fn nodes_at(mesh: &Mesh, [x, y]: [f64; 2], comm: &impl Communicator, key: &str) -> Result<Vec<usize>> {
-    let at = Point::new(x, y);
-    let distance = |node: usize| (mesh.nodes[node] - at).norm();
+    let point = Point::new(x, y);
+    let distance = |node: usize| (mesh.nodes[node] - point).norm();
     let nearest = (0..mesh.nodes.len()).min_by(|&a, &b| distance(a).total_cmp(&distance(b)));
-    let own = nearest.map_or([f64::INFINITY, x, y, 0.0], |node| {
-        let farthest = mesh.nodes.iter().map(|p| (p - at).norm()).fold(0.0, f64::max);
+    let candidate = nearest.map_or([f64::INFINITY, x, y, 0.0], |node| {
+        let farthest = mesh.nodes.iter().map(|p| (p - point).norm()).fold(0.0, f64::max);
         [distance(node), mesh.nodes[node].x, mesh.nodes[node].y, farthest]
     });
-    let all = comm.all_gather_one(own);
-    let size = all.iter().map(|of| of[3]).fold(0.0, f64::max);
-    let best = all.iter().min_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or(&own);
+    let candidates = comm.all_gather_one(candidate);
+    let size = candidates.iter().map(|[.., farthest]| *farthest).fold(0.0, f64::max);
+    let best = candidates.iter().min_by(|a, b| a[0].total_cmp(&b[0])).unwrap_or(&candidate);
     if best[0] > NEAR * size {
         return Err(Error::Mesh(format!(
             "{key}.at: no node lies at {}; the nearest is at {}",
@@ -132,7 +132,7 @@ pub(super) fn nodes_of(
             let touched = sums(&touched)?;
             Ok(nodes.filter(|&node| touched[node] > 0.0).collect())
         }
-        Region::At(at) => nodes_at(mesh, *at, comm, key),
+        Region::At(point) => nodes_at(mesh, *point, comm, key),
         Region::Point(name) => {
             let mut chosen = vec![0.0; mesh.nodes.len()];
             let points = named(&mesh.points, "point", name, comm, key)?;

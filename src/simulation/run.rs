@@ -59,7 +59,7 @@ pub fn resume<E: Engine>(
     run_from(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
 }
 
-/// Runs a model like [`run`], with a scheme at its start, built in a time of `seconds`.
+/// Runs a model like [`run`], with a scheme at its start, which took `seconds` to build.
 ///
 /// # Errors
 /// Returns the same errors as [`run`].

@@ -9,18 +9,18 @@
 //! ```
 //!
 //! While the tip is off the obstacle, it follows the node without force. The reaction of the
-//! obstacle on the tip is the force of the stop, and w - h, if negative, is how far the stop
-//! gives way.
+//! obstacle on the tip is the force of the stop, and h - w, if positive, is the depth to which the
+//! stop yields.
 //!
 //! # Stiffness per node
 //!
-//! - At points, k and c of each node are those of the scene.
+//! - At points, each node has the k and c of the scene.
 //! - Along a line, a node has half the distance to each of its neighbours on the line: all nodes
 //!   together have the length from the first node to the last.
 //! - Over an area, a node has a share of each cell around it that belongs to the region, i.e. whose
-//!   centre satisfies its condition: a third of a triangle; of a quadrilateral the mean, over its
-//!   two cuts into triangles, of a third of those at the node. All nodes together have the area of
-//!   the region's cells.
+//!   centre satisfies its condition. The share of a triangle is a third; the share of a
+//!   quadrilateral is the mean over its two cuts into triangles. All nodes together have the area
+//!   of the region's cells.
 
 use super::regions::{NodeSums, cells_in, nodes_of, require};
 use crate::communicator::Communicator;
@@ -88,15 +88,15 @@ fn measures(
             let along = (to - from).normalize();
             let places: Vec<f64> = nodes.iter().map(|&node| (mesh.nodes[node] - from).dot(&along)).collect();
             let same = SAME * (to - from).norm();
-            let mut all = comm.all_gather(&places);
-            all.sort_by(f64::total_cmp);
-            all.dedup_by(|next, last| *next - *last <= same);
-            require(comm, all.len() > 1, || {
+            let mut line = comm.all_gather(&places);
+            line.sort_by(f64::total_cmp);
+            line.dedup_by(|next, last| *next - *last <= same);
+            require(comm, line.len() > 1, || {
                 format!("{key}.line: only one node lies on it; expected at for a stop at a point")
             })?;
             let length = |place: f64| {
-                let at = all.partition_point(|of| *of < place - same).min(all.len() - 1);
-                0.5 * (all[(at + 1).min(all.len() - 1)] - all[at.saturating_sub(1)])
+                let k = line.partition_point(|other| *other < place - same).min(line.len() - 1);
+                0.5 * (line[(k + 1).min(line.len() - 1)] - line[k.saturating_sub(1)])
             };
             Ok(nodes.into_iter().zip(places).map(|(node, place)| (node, length(place))).collect())
         }
@@ -123,11 +123,11 @@ fn shares(vertices: &[Point]) -> Vec<f64> {
         3 => vec![third(0, 1, 2); 3],
         _ => {
             let halves = [third(0, 1, 2), third(0, 2, 3), third(1, 2, 3), third(1, 3, 0)];
-            let at = |vertex: usize| {
-                let of = [[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]].into_iter().zip(halves);
-                0.5 * of.filter(|(corners, _)| corners.contains(&vertex)).map(|(_, third)| third).sum::<f64>()
+            let share = |vertex: usize| {
+                let cuts = [[0, 1, 2], [0, 2, 3], [1, 2, 3], [1, 3, 0]].into_iter().zip(halves);
+                0.5 * cuts.filter(|(corners, _)| corners.contains(&vertex)).map(|(_, area)| area).sum::<f64>()
             };
-            (0..4).map(at).collect()
+            (0..4).map(share).collect()
         }
     }
 }

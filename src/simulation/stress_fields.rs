@@ -54,8 +54,8 @@ impl StressFields {
         points: Located<[f64; 2]>,
         small: Located<Vec<usize>>,
     ) -> Result<StressFields> {
-        let own = sampled(ground, curvatures, points, small);
-        let (points, centres) = ground.comm().all_ok(own)?;
+        let part = sampled(ground, curvatures, points, small);
+        let (points, centres) = ground.comm().all_ok(part)?;
         let of_cell = |cell: usize| curvatures.recovery.of_cell(cell).to_vec();
         Ok(StressFields {
             curvatures: curvatures.of_shape(ground.partition),
@@ -103,16 +103,16 @@ fn sampled<P: Partition>(
     (small, parents): Located<Vec<usize>>,
 ) -> Result<SampledPlaces> {
     let (mesh, body) = (ground.mesh, &curvatures.body);
-    let point = |(at, &cell): (&[f64; 2], &usize)| {
-        let at = Point::from(*at);
-        let weights = assembly::vertex_weights(&mesh.element(cell)?, at);
-        Ok(Sampled { cell, section: body.section(cell, at)?, weights })
+    let point = |(place, &cell): (&[f64; 2], &usize)| {
+        let place = Point::from(*place);
+        let weights = assembly::vertex_weights(&mesh.element(cell)?, place);
+        Ok(Sampled { cell, section: body.section(cell, place)?, weights })
     };
     let centre = |(corners, &cell): (&Vec<usize>, &usize)| {
         let sum = |axis: usize| corners.iter().map(|&corner| points[corner][axis]).sum::<f64>();
-        let at = Point::new(sum(0), sum(1)) / corners.len() as f64;
-        let weights = mesh.element(cell)?.basis_at(at).iter().map(|of| of.hessian).collect();
-        Ok(Sampled { cell, section: body.section(cell, at)?, weights })
+        let place = Point::new(sum(0), sum(1)) / corners.len() as f64;
+        let weights = mesh.element(cell)?.basis_at(place).iter().map(|basis| basis.hessian).collect();
+        Ok(Sampled { cell, section: body.section(cell, place)?, weights })
     };
     let sampled = points.iter().zip(cell_of).map(point).collect::<Result<_>>()?;
     Ok((sampled, small.iter().zip(parents).map(centre).collect::<Result<_>>()?))

@@ -39,7 +39,7 @@ struct StepContact {
     is_free: bool,
 }
 
-/// Run on its way from step to step.
+/// Main loop of a run: all objects that a step reads or changes.
 struct TimeLoop<'r, E: Engine> {
     scene: &'r Scene,
     model: &'r Model<E>,
@@ -67,7 +67,7 @@ pub(super) fn time_loop<E: Engine>(
     let probes = vec![0.0; model.probes.len()];
     let mut run = TimeLoop { scene, model, scheme, outcome, monitor, observer, probes, observed: Ok(()) };
     // A resumed run may start at a step that was recorded before the interruption.
-    if run.monitor.noted {
+    if run.monitor.is_recorded {
         run.advance()?;
     }
     loop {
@@ -110,25 +110,25 @@ impl<E: Engine> TimeLoop<'_, E> {
     /// The state comes before all that marks the end, so that a run to a later end continues from
     /// it as if there had been no end.
     fn keep_end(&mut self, now: StepTime) -> Result<()> {
-        self.monitor.noted = false;
+        self.monitor.is_recorded = false;
         if now.is_last && self.observer.keeps_end() {
             let state = self.state(now)?;
             let motion = self.model.places.motion(&self.model.system.engine, self.scene, self.scheme)?;
             if let Some((state, motion)) = state.zip(motion) {
-                self.tell(|observer| observer.end(state, motion));
+                self.notify(|observer| observer.end(state, motion));
             }
             self.monitor.clock.lap(|blocks| &mut blocks.checkpoints);
         }
-        self.monitor.noted = true;
+        self.monitor.is_recorded = true;
         Ok(())
     }
 
     /// Records the step and its events in the outcome.
     fn record_events(&mut self) -> Result<StepContact> {
-        let events = self.outcome.note_events(self.scene, self.model, self.scheme, self.observer)?;
+        let events = self.outcome.record_events(self.scene, self.model, self.scheme, self.observer)?;
         let is_free = self.scheme.record().is_free(self.scheme.limits());
         let has_events = !events.is_empty();
-        let (nodes, force) = self.outcome.note(self.scene, self.model, self.scheme, has_events, is_free)?;
+        let (nodes, force) = self.outcome.record(self.scene, self.model, self.scheme, has_events, is_free)?;
         Ok(StepContact { nodes, force, events, is_free })
     }
 
@@ -144,8 +144,8 @@ impl<E: Engine> TimeLoop<'_, E> {
     /// named supports and obstacles.
     fn follow_contacts(&mut self, contact: &StepContact) -> Result<()> {
         let TimeLoop { scene, model, scheme, monitor, .. } = self;
-        monitor.contacts.note(&model.sites, scene.time.step, *scheme, &contact.events, contact.is_free);
-        monitor.forces.note(scene, model, *scheme, &contact.events)
+        monitor.contacts.record(&model.sites, scene.time.step, *scheme, &contact.events, contact.is_free);
+        monitor.forces.record(scene, model, *scheme, &contact.events)
     }
 
     /// Takes the velocities of this step at the probes that record accelerations.
@@ -183,7 +183,7 @@ impl<E: Engine> TimeLoop<'_, E> {
             return guarded;
         }
         let energy = energies.total();
-        self.outcome.energy.note(energy);
+        self.outcome.energy.record(energy);
         let Model { readings, system, .. } = self.model;
         readings.read(system, &self.monitor.accelerations, self.scheme, &mut self.probes)?;
         let row = Row {
@@ -212,8 +212,8 @@ impl<E: Engine> TimeLoop<'_, E> {
         guarded
     }
 
-    /// Passes the contacts that ended since the last row to the observer, at the last step also
-    /// those that are open.
+    /// Passes the contacts that ended since the last row to the observer, at the last step also the
+    /// open ones.
     fn contacts(&mut self, is_last: bool) -> Result<()> {
         if !self.scene.has_contact() {
             return Ok(());
@@ -225,7 +225,7 @@ impl<E: Engine> TimeLoop<'_, E> {
         let ended = self.model.system.engine.comm().all_gather(&contacts.take());
         let ended: Vec<Contact> = ended.into_iter().map(Contact::from_numbers).collect();
         self.outcome.node_contacts += ended.len() as u64;
-        self.tell(|observer| observer.contacts(&ended));
+        self.notify(|observer| observer.contacts(&ended));
         Ok(())
     }
 
@@ -238,7 +238,7 @@ impl<E: Engine> TimeLoop<'_, E> {
             return Ok(());
         }
         let snapshot = fields.sample(system, self.scheme)?;
-        self.tell(|observer| observer.fields(&snapshot));
+        self.notify(|observer| observer.fields(&snapshot));
         let comm = system.engine.comm();
         let Extent { length, checksum } = self.observer.piece();
         let pieces = comm.all_gather_one((length, checksum)).into_iter();
@@ -258,7 +258,7 @@ impl<E: Engine> TimeLoop<'_, E> {
             return Ok(());
         }
         if let Some(rows) = self.monitor.forces.at_nodes(self.model)? {
-            self.tell(|observer| observer.reactions(step, time, &rows));
+            self.notify(|observer| observer.reactions(step, time, &rows));
         }
         Ok(())
     }
@@ -268,9 +268,9 @@ impl<E: Engine> TimeLoop<'_, E> {
     /// # Errors
     /// Returns the error of any observer, on all processes.
     fn is_asked_to_stop(&mut self) -> Result<bool> {
-        let own = (self.observed.is_err(), self.observed.is_ok() && self.observer.interrupts());
+        let flags = (self.observed.is_err(), self.observed.is_ok() && self.observer.interrupts());
         let comm = self.model.system.engine.comm();
-        let (failed, stops) = comm.all_reduce(own, |a, b| (a.0 || b.0, a.1 || b.1));
+        let (failed, stops) = comm.all_reduce(flags, |a, b| (a.0 || b.0, a.1 || b.1));
         if failed {
             self.share_error()?;
         }
@@ -308,10 +308,10 @@ impl<E: Engine> TimeLoop<'_, E> {
         RunState::take(model, now.step, now.time, |archive| monitor.archive(model, *scheme, outcome, archive))
     }
 
-    /// Tells the observer of this process, unless it failed earlier.
-    fn tell(&mut self, what: impl FnOnce(&mut dyn Observer) -> Result<()>) {
+    /// Passes a result to the observer of this process, unless it failed earlier.
+    fn notify(&mut self, pass: impl FnOnce(&mut dyn Observer) -> Result<()>) {
         if self.observed.is_ok() {
-            self.observed = what(self.observer);
+            self.observed = pass(self.observer);
         }
     }
 
@@ -333,15 +333,15 @@ pub(super) struct RunMonitor {
     stresses: Option<StressWatch>,
     pub(super) forces: ForceRecorder,
     /// Whether the present step has been recorded.
-    noted: bool,
+    is_recorded: bool,
     clock: BlockClock,
 }
 
 /// Stopwatch that adds the time since its last reading to a block of the main loop.
 ///
 /// The loop reads the stopwatch twice per step, and after rows, snapshots and checkpoints where
-/// they are due; the little that other steps spend on the question whether they are due counts with
-/// the next block.
+/// they are due. The time that other steps take to find out whether they are due counts with the
+/// next block.
 struct BlockClock {
     read: Instant,
     seconds: BlockSeconds,
@@ -378,7 +378,7 @@ impl RunMonitor {
             accelerations: Accelerations::new(scene),
             stresses: model.stress_watch(),
             forces: ForceRecorder::new(scene, model),
-            noted: false,
+            is_recorded: false,
             clock: BlockClock::start(BlockSeconds::default()),
         })
     }
@@ -406,7 +406,7 @@ impl RunMonitor {
         self.guard.archive(archive)?;
         archive.value(&mut self.iterations)?;
         archive.value(&mut self.kkt)?;
-        archive.value(&mut self.noted)?;
+        archive.value(&mut self.is_recorded)?;
         self.contacts.archive(model.system.bounds.len(), archive)?;
         self.accelerations.archive(archive)?;
         if let Some(stresses) = &mut self.stresses {
@@ -414,7 +414,7 @@ impl RunMonitor {
         }
         self.forces.archive(archive)?;
         // A last state has no times, so that equal runs leave equal bytes.
-        outcome.seconds.blocks = if self.noted { self.seconds() } else { BlockSeconds::default() };
+        outcome.seconds.blocks = if self.is_recorded { self.seconds() } else { BlockSeconds::default() };
         outcome.archive(archive)?;
         if !archive.saves() {
             self.clock = BlockClock::start(outcome.seconds.blocks);
@@ -423,7 +423,7 @@ impl RunMonitor {
     }
 }
 
-/// Adds node and position to the error of a scheme, which knows no mesh and only the index of the
+/// Adds node and position to the error of a scheme, which has no mesh and only the index of the
 /// bound.
 fn locate<E: Engine>(error: Error, model: &Model<E>) -> Error {
     match error {

@@ -227,7 +227,7 @@ impl Comparison {
             };
             entry.difference = pairs.iter().map(differs).fold(entry.difference, f64::max);
             if touches(truth.as_ref()) {
-                simulation::note_contact(&mut contacts, scene, truth.time());
+                simulation::add_contact(&mut contacts, scene, truth.time());
                 if contacts.len() > entry.difference_up_to_impact.len() {
                     entry.difference_up_to_impact.push(entry.difference);
                 }

@@ -2,9 +2,9 @@
 //!
 //! A reaction upwards comes from the nearest obstacle below the node, a reaction downwards from the
 //! nearest above it. Which obstacle is nearest changes in time only where several are opposite to
-//! one node and some of them move; it is then determined at the instant of the reaction. Of
-//! obstacles at equal height the first in the scene counts. The tips of a compliant stop are
-//! bounded by that stop alone.
+//! one node and some of them move; it is then determined at the instant of the reaction. Among
+//! obstacles at equal height the first in the scene counts. Only its own stop bounds the tip of a
+//! compliant stop.
 
 use super::ground::BuildContext;
 use super::heights::{Opposite, opposites};
@@ -35,19 +35,19 @@ impl Attribution {
         if ground.scene.obstacles.iter().all(|obstacle| obstacle.name.is_none()) {
             return Ok(None);
         }
-        let all: Vec<(usize, Opposite)> = opposites(ground.scene, opposite, bounded).enumerate().collect();
+        let contested: Vec<_> = opposites(ground.scene, opposite, bounded).enumerate().collect();
         let mut counts = vec![[0; 2]; bounded.len()];
         let mut moves = vec![[false; 2]; bounded.len()];
-        for (_, of) in &all {
-            for &bound in &of.bounds {
-                counts[bound][side(of.side)] += 1;
-                moves[bound][side(of.side)] |= of.height.changes();
+        for (_, obstacle) in &contested {
+            for &bound in &obstacle.bounds {
+                counts[bound][side(obstacle.side)] += 1;
+                moves[bound][side(obstacle.side)] |= obstacle.height.changes();
             }
         }
         let counts = counts.as_flattened().iter().zip(moves.as_flattened());
         let is_contested = counts.into_iter().any(|(count, moves)| *count > 1 && *moves);
         let is_contested = ground.comm().all_reduce_any(is_contested);
-        let mut attribution = Attribution { nearest: Vec::new(), contested: all };
+        let mut attribution = Attribution { nearest: Vec::new(), contested };
         ground.comm().all_ok(attribution.find(0.0, bounded.len()))?;
         if !is_contested {
             attribution.contested.clear();
@@ -71,17 +71,17 @@ impl Attribution {
         let mut best = vec![[f64::NEG_INFINITY, f64::INFINITY]; bounds];
         self.nearest.clear();
         self.nearest.resize(bounds, [None; 2]);
-        for (obstacle, of) in &self.contested {
-            let mut heights = vec![0.0; of.points.len()];
-            of.height.values(&of.points, time, &mut heights)?;
-            for (&bound, height) in of.bounds.iter().zip(heights) {
-                let side = side(of.side);
-                let is_nearer = match of.side {
+        for (number, obstacle) in &self.contested {
+            let mut heights = vec![0.0; obstacle.points.len()];
+            obstacle.height.values(&obstacle.points, time, &mut heights)?;
+            for (&bound, height) in obstacle.bounds.iter().zip(heights) {
+                let side = side(obstacle.side);
+                let is_nearer = match obstacle.side {
                     Side::Below => height > best[bound][side],
                     Side::Above => height < best[bound][side],
                 };
                 if is_nearer || self.nearest[bound][side].is_none() {
-                    (best[bound][side], self.nearest[bound][side]) = (height, Some(*obstacle));
+                    (best[bound][side], self.nearest[bound][side]) = (height, Some(*number));
                 }
             }
         }

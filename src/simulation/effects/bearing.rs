@@ -17,8 +17,8 @@ use crate::scheme::{self, System};
 use crate::simulation::check_residual;
 use nalgebra::{DMatrix, Vector3};
 
-/// Stiffness of the proximal steps on the rigid motions, relative to that of the plate's lowest
-/// bending mode.
+/// Stiffness of the proximal steps on the rigid motions, relative to the plate's lowest bending
+/// mode.
 const HOLD: f64 = 1e-4;
 
 /// Largest unbalanced part of a load, relative to the whole, that counts as rounding.
@@ -60,8 +60,8 @@ pub(super) fn equilibrium<E: OfCells, P: Partition>(
         let arm = (node - centre) / size;
         [arm.norm_squared(), 2.0 * arm.x / size, 2.0 * arm.y / size]
     });
-    let own = assembly::squares(ground.mesh, &ground.cells, &bowl.collect::<Vec<_>>());
-    let [bent, curved] = ground.comm().all_reduce_sum(own);
+    let squares = assembly::squares(ground.mesh, &ground.cells, &bowl.collect::<Vec<_>>());
+    let [bent, curved] = ground.comm().all_reduce_sum(squares);
     let mass = engine.native().form(assembly::consistent_mass(&ground.cells));
     let hold = &mass * (HOLD * bent / curved);
     let (u, _, verdict) = scheme::equilibrium_on_bounds(engine, stiffness, hold, load, bounds)?;
@@ -99,24 +99,24 @@ fn escape<E: OfCells, P: Partition>(
         return Ok(None);
     }
     // Force of a unit reaction at a bound on the rigid motions.
-    let at = |dof: usize| Vector3::from_fn(|k, _| shapes.get(k).map_or(0.0, |shape| shape[dof]));
+    let push = |dof: usize| Vector3::from_fn(|k, _| shapes.get(k).map_or(0.0, |shape| shape[dof]));
     let reactions = || {
         bounds.dofs.iter().enumerate().flat_map(move |(i, &dof)| {
-            let up = bounds.lower[i].is_finite().then(|| at(dof));
-            let down = bounds.upper[i].is_finite().then(|| -at(dof));
+            let up = bounds.lower[i].is_finite().then(|| push(dof));
+            let down = bounds.upper[i].is_finite().then(|| -push(dof));
             up.into_iter().chain(down).filter(|reaction| reaction.norm() > 0.0)
         })
     };
     // Reaction of all processes that reduces the remainder most.
-    let most = |left: Vector3<f64>| {
-        let own = reactions().map(|reaction| reaction.normalize());
-        let best = own.min_by(|a, b| a.dot(&left).total_cmp(&b.dot(&left))).unwrap_or_default();
-        let all = ground.comm().all_gather_one::<[f64; 3]>(best.into()).into_iter().map(Vector3::from);
-        all.min_by(|a, b| a.dot(&left).total_cmp(&b.dot(&left))).unwrap_or_default()
+    let most = |rest: Vector3<f64>| {
+        let units = reactions().map(|reaction| reaction.normalize());
+        let best = units.min_by(|a, b| a.dot(&rest).total_cmp(&b.dot(&rest))).unwrap_or_default();
+        let bests = ground.comm().all_gather_one::<[f64; 3]>(best.into()).into_iter().map(Vector3::from);
+        bests.min_by(|a, b| a.dot(&rest).total_cmp(&b.dot(&rest))).unwrap_or_default()
     };
-    let left = unbalanced(force / total, most);
-    let motion = || motions.iter().zip(left.iter()).map(|(motion, part)| motion * *part).sum();
-    Ok((left.norm() > BALANCED).then(motion))
+    let rest = unbalanced(force / total, most);
+    let motion = || motions.iter().zip(rest.iter()).map(|(motion, part)| motion * *part).sum();
+    Ok((rest.norm() > BALANCED).then(motion))
 }
 
 /// Returns the smallest remainder of a force after non-negative multiples of reactions are added
@@ -124,11 +124,11 @@ fn escape<E: OfCells, P: Partition>(
 /// most.
 fn unbalanced(force: Vector3<f64>, most: impl Fn(Vector3<f64>) -> Vector3<f64>) -> Vector3<f64> {
     let mut taken: Vec<(Vector3<f64>, f64)> = Vec::new();
-    let mut left = force;
+    let mut rest = force;
     for _ in 0..MOST_EXCHANGES {
-        let reaction = most(left);
+        let reaction = most(rest);
         let is_taken = taken.iter().any(|(taken, _)| *taken == reaction);
-        if is_taken || reaction.dot(&left) >= -f64::EPSILON * force.norm() {
+        if is_taken || reaction.dot(&rest) >= -f64::EPSILON * force.norm() {
             break;
         }
         taken.push((reaction, 0.0));
@@ -147,9 +147,9 @@ fn unbalanced(force: Vector3<f64>, most: impl Fn(Vector3<f64>) -> Vector3<f64>) 
             taken.retain(|(_, now)| *now > f64::EPSILON * force.norm());
         }
         let sum: Vector3<f64> = taken.iter().map(|(reaction, now)| reaction * *now).sum();
-        left = force + sum;
+        rest = force + sum;
     }
-    left
+    rest
 }
 
 /// Describes a rigid motion in words.

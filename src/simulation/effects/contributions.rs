@@ -25,7 +25,7 @@ pub(in crate::simulation) struct Contributions {
     pub springs: Vec<PointTerm>,
     /// Springs and dashpots between two dofs, in K and C.
     pub links: Vec<Link>,
-    /// Cell, point and mass (kg) of what the cells carry, in M.
+    /// Cell, point and mass (kg) of the masses that cells carry, in M.
     pub carried: Vec<(usize, Point, f64)>,
     /// Masses at points that the cells do not carry, in M, in kg.
     pub masses: Vec<PointTerm>,
@@ -61,7 +61,7 @@ pub(in crate::simulation) struct PointEvaluation {
 #[derive(Clone)]
 pub(in crate::simulation) struct PointTerm {
     pub amount: f64,
-    pub at: Point,
+    pub point: Point,
     pub spot: PointEvaluation,
 }
 
@@ -82,7 +82,7 @@ pub(in crate::simulation) struct Body {
     pub number: usize,
     /// Point of the plate under the body.
     pub spot: PointEvaluation,
-    /// Mass, whose deflection is that of the body.
+    /// Mass at the deflection of the body.
     pub mass: PointTerm,
     /// Dof of the gap, i.e. of the height of the body over the plate.
     pub gap: usize,
@@ -101,18 +101,18 @@ pub(in crate::simulation) struct Load {
 
 /// Law of a load, positive upwards.
 pub(in crate::simulation) enum LoadLaw {
-    /// Weight of all that has mass under a gravity, in m/s^2, positive downwards.
+    /// Weight of all masses under a gravity, in m/s^2, positive downwards.
     Weight(f64),
     /// Pressure, in Pa.
     Pressure(FieldInput),
-    /// Force in N, and the deflection under it on the one process that evaluates that.
+    /// Force in N, and the deflection under it on the one process that evaluates the point.
     Force(FieldInput, Option<Probe>),
 }
 
 /// Restraint of rigid motions at a point, beside a node of the same part of the mesh.
 pub(in crate::simulation) struct Restraint {
     pub node: usize,
-    pub at: Point,
+    pub point: Point,
     pub hold: NodeConstraint,
 }
 
@@ -123,7 +123,7 @@ impl Contributions {
         self.stiffness.extend(matrices.into_iter().map(term));
     }
 
-    /// Returns the masses at points that the cells do not carry, then those of bodies.
+    /// Returns the masses at points that the cells do not carry, then the masses of bodies.
     pub fn masses(&self) -> impl Iterator<Item = &PointTerm> {
         self.masses.iter().chain(self.bodies.iter().map(|body| &body.mass))
     }
@@ -142,8 +142,8 @@ impl Contributions {
         })
     }
 
-    /// Returns the damping of the links less what Rayleigh damping by the stiffness, with this
-    /// coefficient in s, gives their springs; `None` where both are zero. Collective.
+    /// Returns the damping of the links less the Rayleigh damping of their springs, with the
+    /// coefficient `beta` in s; `None` where both are zero. Collective.
     pub fn dashpots(&self, beta: f64, comm: &impl Communicator) -> Option<Vec<ElementMatrix>> {
         let is_damped = |link: &Link| link.damping > 0.0 || beta > 0.0;
         comm.all_reduce_any(self.links.iter().any(is_damped))

@@ -10,8 +10,8 @@ use crate::scheme::{Damping, ModalDamping, System};
 
 /// Returns the coefficients of Rayleigh damping.
 pub(super) fn rayleigh(scene: &Scene) -> Damping {
-    let of = scene.damping.as_ref();
-    of.map_or(Damping::default(), |of| Damping { mass: of.mass, stiffness: of.stiffness })
+    let given = scene.damping.as_ref();
+    given.map_or(Damping::default(), |given| Damping { mass: given.mass, stiffness: given.stiffness })
 }
 
 /// Returns the damping of single modes, `None` where the scene has none; `mechanism` tells whether

@@ -13,8 +13,8 @@ use crate::scene::{self, FieldInput, Scene};
 use crate::simulation::refinement;
 use crate::simulation::stops::Stop;
 
-/// Build context of a model: this process's part of the mesh, and the relation of its dofs to those
-/// of the engine.
+/// Build context of a model: this process's part of the mesh, and the relation of its dofs to the
+/// engine's dofs.
 pub(in crate::simulation) struct BuildContext<'g, P: Partition> {
     pub scene: &'g Scene,
     pub partition: &'g P,
@@ -45,20 +45,20 @@ impl<P: Partition> BuildContext<'_, P> {
         let farthest = |sign: f64, axis: usize| {
             self.mesh.nodes.iter().map(|node| sign * node[axis]).fold(f64::MIN, f64::max)
         };
-        let own = [farthest(1.0, 0), farthest(1.0, 1), farthest(-1.0, 0), farthest(-1.0, 1)];
-        let all = self.comm().all_gather_one(own);
-        std::array::from_fn(|k| all.iter().map(|of| of[k]).fold(f64::MIN, f64::max))
+        let part = [farthest(1.0, 0), farthest(1.0, 1), farthest(-1.0, 0), farthest(-1.0, 1)];
+        let parts = self.comm().all_gather_one(part);
+        std::array::from_fn(|k| parts.iter().map(|part| part[k]).fold(f64::MIN, f64::max))
     }
 
     /// Locates a point of the plate, on the one process that evaluates it; `None` on the others.
     /// Collective.
     pub(super) fn spot(&self, key: &str, [x, y]: [f64; 2]) -> Result<Option<PointEvaluation>> {
-        let at = Point::new(x, y);
-        let here = self.mesh.locate(at).is_some();
+        let point = Point::new(x, y);
+        let here = self.mesh.locate(point).is_some();
         let ranks = self.comm().all_gather_one(here);
         match ranks.iter().position(|&here| here) {
             Some(first) if first == self.comm().rank() => {
-                let of_shape = Probe::of_shape(self.mesh, at)?;
+                let of_shape = Probe::of_shape(self.mesh, point)?;
                 Ok(Some(PointEvaluation { free: of_shape.within(self.space), of_shape }))
             }
             Some(_) => Ok(None),
@@ -71,9 +71,9 @@ impl<P: Partition> BuildContext<'_, P> {
 
     /// Returns a spring (N/m) or a mass (kg) at a point of the plate, on the one process that
     /// evaluates the point; `None` on the others. Collective.
-    pub(super) fn point_term(&self, key: &str, at: [f64; 2], amount: f64) -> Result<Option<PointTerm>> {
-        let spot = self.spot(&format!("{key}.at"), at)?;
-        Ok(spot.map(|spot| PointTerm { amount, at: at.into(), spot }))
+    pub(super) fn point_term(&self, key: &str, place: [f64; 2], amount: f64) -> Result<Option<PointTerm>> {
+        let spot = self.spot(&format!("{key}.at"), place)?;
+        Ok(spot.map(|spot| PointTerm { amount, point: place.into(), spot }))
     }
 
     /// Returns the coefficients of a scene's probe over the engine's dofs, and this process's part
@@ -88,8 +88,8 @@ impl<P: Partition> BuildContext<'_, P> {
     /// process's part of its values for given shapes. Collective.
     pub fn slope(&self, probe: &scene::Probe, along: usize, shapes: &[&[f64]]) -> Result<(Probe, Vec<f64>)> {
         let spot = self.spot(&format!("probe \"{}\"", probe.name), probe.at)?;
-        let of = |_| Probe::of_derivative(self.mesh, probe.at.into(), |of| of.gradient[along]);
-        self.framed(self.comm().all_ok(spot.map(of).transpose())?.as_ref(), None, shapes)
+        let slope = |_| Probe::of_derivative(self.mesh, probe.at.into(), |basis| basis.gradient[along]);
+        self.framed(self.comm().all_ok(spot.map(slope).transpose())?.as_ref(), None, shapes)
     }
 
     /// Returns this process's part of a sum over all deflections and slopes, three per node, and of
@@ -105,8 +105,8 @@ impl<P: Partition> BuildContext<'_, P> {
             of_shape.within(self.space).push(1.0, &mut local);
         }
         gap.iter().for_each(|&gap| local[gap] += 1.0);
-        let of = |shape: &&[f64]| of_shape.map_or(0.0, |of_shape| of_shape.deflection(shape));
-        Ok((Probe::from_weights(&self.partition.add_up(&local)?), shapes.iter().map(of).collect()))
+        let value = |shape: &&[f64]| of_shape.map_or(0.0, |of_shape| of_shape.deflection(shape));
+        Ok((Probe::from_weights(&self.partition.add_up(&local)?), shapes.iter().map(value).collect()))
     }
 
     /// Returns deflection and slopes of a formula of x and y at all nodes, three values per node.
@@ -130,15 +130,15 @@ impl<P: Partition> BuildContext<'_, P> {
         self.gaps[attachments.balls.len() + place]
     }
 
-    /// Converts values over the local dofs to those over the engine's dofs that this process owns.
+    /// Returns values over the local dofs at the engine's dofs that this process owns.
     pub(super) fn owned(&self, local: &[f64], dofs: usize) -> Vec<f64> {
-        let mut own = vec![0.0; dofs];
+        let mut values = vec![0.0; dofs];
         for (dof, value) in local.iter().enumerate() {
             if let Some(dof) = self.partition.own_dof(dof) {
-                own[dof] = *value;
+                values[dof] = *value;
             }
         }
-        own
+        values
     }
 
     /// Returns the number of bodies beside the plate on all processes. Collective.
@@ -167,8 +167,8 @@ impl<P: Partition> BuildContext<'_, P> {
         self.comm().all_ok(integral())
     }
 
-    /// Returns the local load of one on all deflections and slopes, three per node, then on the
-    /// gaps.
+    /// Returns the load on the local dofs, given a load on all deflections and slopes, three per
+    /// node, then on the gaps.
     pub(super) fn local_load(&self, load: &[f64]) -> Vec<f64> {
         let (of_nodes, of_gaps) = load.split_at(PER_NODE * self.mesh.nodes.len());
         let mut local = self.space.restrict(of_nodes);

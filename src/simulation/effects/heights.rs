@@ -25,7 +25,7 @@ pub(super) fn opposite<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<Vec
     }
     let deflection = |node: usize| ground.partition.own_dof(ground.space.deflection(node)?);
     let dofs = |(number, obstacle): (usize, &scene::Obstacle)| {
-        if obstacle.compliance.is_some_and(|of| of.has_tip()) {
+        if obstacle.compliance.is_some_and(|stop| stop.has_tip()) {
             return Ok(std::mem::take(&mut tips[number]));
         }
         let key = format!("obstacle.{number}");
@@ -56,7 +56,7 @@ pub(super) fn sites<P: Partition>(
     let nodes = (0..mesh.nodes.len()).filter_map(|node| Some((space.deflection(node)?, node)));
     let nodes = nodes.filter_map(|(dof, node)| site(dof, node, mesh.nodes[node].into(), false));
     let gaps = bodies()
-        .filter_map(|(dof, body)| site(dof, mesh.nodes.len() + body.number, body.mass.at.into(), false));
+        .filter_map(|(dof, body)| site(dof, mesh.nodes.len() + body.number, body.mass.point.into(), false));
     let tips = space.tips().iter();
     let tips = tips.filter_map(|&(dof, node)| site(dof, node, mesh.nodes[node].into(), true));
     let mut sites: Vec<(bool, DeflectionDof)> = nodes.chain(gaps).chain(tips).collect();
@@ -88,8 +88,8 @@ pub(super) fn opposites<'o>(
     })
 }
 
-/// Returns the key of the height that bounds a deflection from a side: that of the nearest obstacle
-/// at the first instant, with its name, or that of a ball.
+/// Returns the key of the height that bounds a deflection from a side: the height of the nearest
+/// obstacle at the first instant, with its name, or of a ball.
 pub(super) fn bounding<P: Partition>(
     ground: &BuildContext<P>,
     opposite: &[Vec<usize>],
@@ -152,17 +152,17 @@ impl<C: Communicator> Heights<C> {
             }
         }
         let laws = laws(scene, opposite, bounded, sliders, nodes);
-        let mut found = laws.map(|laws| still.laws = laws);
+        let mut result = laws.map(|laws| still.laws = laws);
         let mut moving = Vec::new();
         for opposite in opposites(scene, opposite, bounded) {
             if opposite.height.changes() {
-                found = found.and_then(|()| opposite.refuse_jumps(&scene.time));
+                result = result.and_then(|()| opposite.refuse_jumps(&scene.time));
                 moving.push(opposite);
             } else {
-                found = found.and_then(|()| opposite.narrow(0.0, &mut still));
+                result = result.and_then(|()| opposite.narrow(0.0, &mut still));
             }
         }
-        ground.comm().all_ok(found)?;
+        ground.comm().all_ok(result)?;
         Ok(Heights {
             still,
             moving,
@@ -222,12 +222,12 @@ fn laws(
 ) -> Result<Laws> {
     let mut table = Vec::new();
     let mut add = |compliance: Option<Compliance>| {
-        let law = compliance.and_then(|of| of.contact_law())?;
+        let law = compliance.and_then(|stop| stop.contact_law())?;
         table.push(law);
         Some(table.len() as u32 - 1)
     };
-    let of_obstacles: Vec<Option<u32>> = scene.obstacles.iter().map(|of| add(of.compliance)).collect();
-    let of_balls: Vec<Option<u32>> = scene.attachments.balls.iter().map(|of| add(of.compliance)).collect();
+    let of_obstacles: Vec<_> = scene.obstacles.iter().map(|obstacle| add(obstacle.compliance)).collect();
+    let of_balls: Vec<_> = scene.attachments.balls.iter().map(|ball| add(ball.compliance)).collect();
     let first_slider = table.len() as u32;
     table.extend(scene.sliders.iter().map(|slider| Arc::new(slider.law()) as Arc<dyn ContactLaw>));
     let of_site = |site: &DeflectionDof| {
@@ -254,10 +254,10 @@ fn laws(
             {
                 let ([x, y], key) = (bounded[bound].at, if law.is_some() { number } else { first });
                 let beside = number + first - key;
-                let law = scene.obstacles[key].compliance.map_or("rigid".into(), |of| of.law.to_string());
-                let [at, other] = [key, beside].map(|number| &scene.obstacles[number].position.0);
+                let law = scene.obstacles[key].compliance.map_or("rigid".into(), |stop| stop.law.to_string());
+                let [position, other] = [key, beside].map(|number| &scene.obstacles[number].position.0);
                 return Err(Error::Scene(format!(
-                    "{at}: obstacle.{key}.law: \"{law}\" needs a side of its node for itself, and obstacle.{beside} ({other}) \
+                    "{position}: obstacle.{key}.law: \"{law}\" needs a side of its node for itself, and obstacle.{beside} ({other}) \
                      is at ({x}, {y}) too; expected another place or side, or law = \"linear\""
                 )));
             }
@@ -298,8 +298,8 @@ impl Opposite {
     fn refuse_jumps(&self, time: &scene::Time) -> Result<()> {
         let watched = if self.height.is_even() { 0 } else { self.points.len().min(WATCHED) };
         for k in 0..watched {
-            let at = self.points[k * self.points.len() / watched];
-            if let Some(wrong) = self.height.jump(at, time, MOST_LOOKS / watched) {
+            let point = self.points[k * self.points.len() / watched];
+            if let Some(wrong) = self.height.jump(point, time, MOST_LOOKS / watched) {
                 return Err(Error::Scene(format!("{}: {wrong}", self.height.key)));
             }
         }

@@ -1,4 +1,4 @@
-//! Mass matrix: consistent, singular, or that of the lowest modes.
+//! Mass matrix: consistent, singular, or modal.
 
 use super::ground::BuildContext;
 use super::of_cells::OfCells;
@@ -10,13 +10,13 @@ use crate::partition::Partition;
 use crate::scene::Mass;
 use crate::simulation::phase;
 
-/// Number of modes that carry the inertia where the scene does not say. On the paper's plate they
-/// reach 12 kHz; more modes change the motion by less than other methods differ from each other.
+/// Default number of modes that carry the inertia. On the paper's plate they reach 12 kHz; more
+/// modes change the motion by less than other methods differ from each other.
 const MODES: usize = 200;
 
 /// Largest number of modes, as a fraction of the dofs: up to a third the compliance of the rest is
-/// well conditioned; from about two thirds on it is singular, and modes above half are those of the
-/// mesh rather than of the plate.
+/// well conditioned; from about two thirds on it is singular, and modes above half belong to the
+/// mesh rather than to the plate.
 const ADVISED: usize = 3;
 const REFUSED: usize = 2;
 
@@ -49,7 +49,7 @@ pub(super) fn mass<E: OfCells, P: Partition>(
     match mass {
         Form::Cells(consistent) if time.mass == Mass::Modal => {
             phase("modes");
-            // Bodies are loose too, and their rigid motions come with those of the plate.
+            // Bodies are loose too: their rigid motions are modes as well.
             modal_mass(engine, stiffness, consistent, time.modes, mechanism || ground.bodies() > 0)
         }
         mass => Ok((mass, None)),

@@ -13,7 +13,7 @@ use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::scene::FieldInput;
 use crate::scheme::{LoadOfTime, LoadTerm};
-use crate::simulation::refinement::seen;
+use crate::simulation::refinement::accepted;
 use serde::Serialize;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -48,7 +48,7 @@ struct Wave<P: Partition> {
     /// Index of the last time window tested and the result, by length of the window in steps.
     calm: RefCell<BTreeMap<u32, (u64, bool)>>,
     /// Loads at the last instants, by the bits of the instant (s).
-    known: RefCell<Vec<(u64, Rc<[f64]>)>>,
+    last_loads: RefCell<Vec<(u64, Rc<[f64]>)>>,
     partition: P,
 }
 
@@ -57,7 +57,7 @@ struct Wave<P: Partition> {
 /// the same tests.
 const WINDOWS: [u32; 2] = [256, 16];
 
-/// Number of instants whose wave loads are kept: those of one step of any scheme.
+/// Number of instants whose wave loads are kept, as many as a step of any scheme needs.
 const KEPT_INSTANTS: usize = 4;
 
 /// Wave at the start of a time window, with bounds over the whole window.
@@ -76,8 +76,8 @@ impl Integrand for Window<'_> {
         self.pressure.enclose(low, high, Interval { low: self.from, high: self.to })
     }
 
-    fn side(&self, at: Point) -> u64 {
-        self.pressure.still(self.from).side(at)
+    fn side(&self, point: Point) -> u64 {
+        self.pressure.still(self.from).side(point)
     }
 }
 
@@ -93,7 +93,7 @@ impl<P: Partition> Wave<P> {
             dofs: PER_NODE * mesh.nodes.len(),
             step: scene.time.step,
             calm: RefCell::default(),
-            known: RefCell::default(),
+            last_loads: RefCell::default(),
             partition: ground.partition.clone(),
         })
     }
@@ -103,8 +103,8 @@ impl<P: Partition> Wave<P> {
     fn is_calm(&self, t: f64, steps: u32) -> Result<bool> {
         let length = f64::from(steps) * self.step;
         let number = (t / length).floor().max(0.0);
-        let known = self.calm.borrow().get(&steps).copied();
-        if let Some((_, calm)) = known.filter(|(known, _)| *known == number as u64) {
+        let last = self.calm.borrow().get(&steps).copied();
+        if let Some((_, calm)) = last.filter(|(last, _)| *last == number as u64) {
             return Ok(calm);
         }
         let window = Window { pressure: &self.pressure, from: number * length, to: (number + 1.0) * length };
@@ -125,7 +125,7 @@ impl<P: Partition> Wave<P> {
         }
         let (still, comm) = (self.pressure.still(t), self.partition.comm());
         let refined = adaptive::refine(&self.pieces, &|_| Some(&still), adaptive::EACH_TIME, comm)?;
-        seen(&self.pressure.key, refined)
+        accepted(&self.pressure.key, refined)
     }
 
     /// Adds the load at an instant (s) to `load`, in N, on the engine's dofs. Collective.
@@ -136,8 +136,8 @@ impl<P: Partition> Wave<P> {
 
     /// Returns the load at an instant (s), in N, on all deflections and slopes. Collective.
     fn load(&self, t: f64) -> Result<Rc<[f64]>> {
-        let mut known = self.known.borrow_mut();
-        if let Some((_, load)) = known.iter().find(|(instant, _)| *instant == t.to_bits()) {
+        let mut loads = self.last_loads.borrow_mut();
+        if let Some((_, load)) = loads.iter().find(|(instant, _)| *instant == t.to_bits()) {
             return Ok(load.clone());
         }
         let mut load = vec![0.0; self.dofs];
@@ -146,8 +146,8 @@ impl<P: Partition> Wave<P> {
         let comm = self.partition.comm();
         comm.all_ok(rules.and_then(|rules| self.points.load_by(&rules, pressure, &mut load)))?;
         let load: Rc<[f64]> = load.into();
-        known.truncate(KEPT_INSTANTS - 1);
-        known.insert(0, (t.to_bits(), load.clone()));
+        loads.truncate(KEPT_INSTANTS - 1);
+        loads.insert(0, (t.to_bits(), load.clone()));
         Ok(load)
     }
 }
@@ -166,17 +166,17 @@ impl Resultant {
     /// per node.
     fn of(nodes: &[Point], load: &[f64]) -> Resultant {
         let mut sum = Resultant::default();
-        for (node, of) in nodes.iter().zip(load.chunks_exact(PER_NODE)) {
-            sum.force += of[0];
-            sum.moments[0] += of[0] * node.y + of[2];
-            sum.moments[1] -= of[0] * node.x + of[1];
+        for (node, load) in nodes.iter().zip(load.chunks_exact(PER_NODE)) {
+            sum.force += load[0];
+            sum.moments[0] += load[0] * node.y + load[2];
+            sum.moments[1] -= load[0] * node.x + load[1];
         }
         sum
     }
 
-    fn add(&mut self, factor: f64, of: Resultant) {
-        self.force += factor * of.force;
-        (0..2).for_each(|k| self.moments[k] += factor * of.moments[k]);
+    fn add(&mut self, factor: f64, other: Resultant) {
+        self.force += factor * other.force;
+        (0..2).for_each(|k| self.moments[k] += factor * other.moments[k]);
     }
 
     /// Returns force and moments, the force times an arm (m), in N m.
@@ -194,8 +194,8 @@ struct TimedResultant {
 impl TimedResultant {
     fn value(&self, t: f64) -> Result<Resultant> {
         let mut sum = self.constant;
-        for (time, of) in &self.terms {
-            sum.add(time.at(Point::origin(), t)?, *of);
+        for (time, resultant) in &self.terms {
+            sum.add(time.at(Point::origin(), t)?, *resultant);
         }
         Ok(sum)
     }
@@ -204,9 +204,9 @@ impl TimedResultant {
     /// instants (s).
     fn bound(&self, from: f64, to: f64, arm: f64) -> f64 {
         let mut sums = self.constant.parts(arm).map(Interval::point);
-        for (time, of) in &self.terms {
+        for (time, resultant) in &self.terms {
             let range = time.range(Point::origin(), from, to);
-            for (sum, part) in sums.iter_mut().zip(of.parts(arm)) {
+            for (sum, part) in sums.iter_mut().zip(resultant.parts(arm)) {
                 *sum = sum.plus(range.times(Interval::point(part)));
             }
         }
@@ -240,18 +240,18 @@ const WAVE_INSTANTS: u64 = 100;
 /// Returns the resultants of all loads, on a single process.
 pub(in crate::simulation) fn totals<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<LoadTotal>> {
     let BuildContext { scene, mesh, .. } = ground;
-    let of = |load: &[f64]| Resultant::of(&mesh.nodes, load);
+    let resultant = |load: &[f64]| Resultant::of(&mesh.nodes, load);
     let arm = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.coords.norm()));
-    let push = |of: Resultant| of.parts(arm).iter().map(|part| part.abs()).sum::<f64>();
+    let push = |total: Resultant| total.parts(arm).iter().map(|part| part.abs()).sum::<f64>();
     let end = scene.time.end;
-    let among = |instants: u64, at: &dyn Fn(f64) -> Result<Resultant>| {
+    let among = |instants: u64, value: &dyn Fn(f64) -> Result<Resultant>| {
         let instants = instants.min(scene.time.steps());
         let times: Vec<f64> = (0..=instants).map(|k| end * k as f64 / instants as f64).collect();
-        let mut largest = (0.0, at(0.0)?);
+        let mut largest = (0.0, value(0.0)?);
         for &t in &times {
-            let of = at(t)?;
-            if push(of) > push(largest.1) {
-                largest = (t, of);
+            let total = value(t)?;
+            if push(total) > push(largest.1) {
+                largest = (t, total);
             }
         }
         Ok::<_, crate::Error>((times, largest))
@@ -267,8 +267,8 @@ pub(in crate::simulation) fn totals<P: Partition>(ground: &BuildContext<P>) -> R
                 continue;
             }
             // The run need not evaluate the load at this instant, where it may have no value.
-            if let Some(of) = load.value(middle).ok().filter(|of| push(*of) > push(largest.1)) {
-                largest = (middle, of);
+            if let Some(total) = load.value(middle).ok().filter(|total| push(*total) > push(largest.1)) {
+                largest = (middle, total);
             }
             pending.extend([[from, middle], [middle, to]]);
         }
@@ -277,16 +277,16 @@ pub(in crate::simulation) fn totals<P: Partition>(ground: &BuildContext<P>) -> R
     let mut totals = Vec::new();
     let initial = &scene.initial.static_pressure;
     if !initial.is_zero() {
-        let start = of(&ground.pressed(initial)?);
+        let start = resultant(&ground.pressed(initial)?);
         totals.push(LoadTotal { key: initial.key.clone(), start, largest: None });
     }
     for load in &ground.terms.loads {
         let Loads { constant, terms, waves } = Loads::new(ground, std::slice::from_ref(load))?;
-        let terms: Vec<_> = terms.into_iter().map(|(time, load)| (time, of(&load))).collect();
-        let timed = TimedResultant { constant: of(&constant), terms };
+        let terms: Vec<_> = terms.into_iter().map(|(time, load)| (time, resultant(&load))).collect();
+        let timed = TimedResultant { constant: resultant(&constant), terms };
         let (start, largest) = match waves.first() {
             Some(wave) => {
-                let value = |t: f64| Ok(of(&wave.load(t)?));
+                let value = |t: f64| Ok(resultant(&wave.load(t)?));
                 (value(0.0)?, Some(among(WAVE_INSTANTS, &value)?.1))
             }
             None if timed.terms.is_empty() => (timed.constant, None),
@@ -365,8 +365,8 @@ impl<P: Partition> Loads<P> {
         Ok(loaded.then_some(constant))
     }
 
-    /// Returns the time-dependent loads on the engine's dofs: those of fixed distribution, and the
-    /// wave. Collective.
+    /// Returns the time-dependent loads on the engine's dofs: products of time and place, and
+    /// waves. Collective.
     pub fn in_time(&self, ground: &BuildContext<P>) -> Result<(Vec<LoadTerm>, Option<Box<LoadOfTime>>)> {
         let term = |(factor, load): &(FieldInput, Vec<f64>)| {
             let (factor, load) = (factor.clone(), ground.partition.add_up(&ground.local_load(load))?);
@@ -382,7 +382,7 @@ impl<P: Partition> Loads<P> {
 }
 
 impl<P: Partition> LoadsAtNodes<P> {
-    /// Subtracts the constant load, and those in time at instants (s) with their weights.
+    /// Subtracts the constant load, and the loads in time at instants (s) times their weights.
     /// Collective.
     ///
     /// # Errors

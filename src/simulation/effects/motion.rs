@@ -39,7 +39,7 @@ pub(super) fn lifts<E: OfCells, P: Partition>(
     let holding = || scene.supports.iter().filter(|support| support.kind.holds_deflection());
     let mut different: Vec<&FieldInput> = Vec::new();
     for motion in motions.iter().flatten() {
-        if !different.iter().any(|known| same(Some(known), Some(motion))) {
+        if !different.iter().any(|other| same(Some(other), Some(motion))) {
             different.push(motion);
         }
     }
@@ -57,24 +57,24 @@ pub(super) fn lifts<E: OfCells, P: Partition>(
         )));
     }
     let places = supports(scene, mesh, comm)?;
-    // Nodes on all processes that supports of one motion hold, or those at rest for `None`.
+    // Nodes on all processes that supports of one motion hold; for `None`, supports at rest.
     // Collective.
     let nodes_of = |motion: Option<&FieldInput>| {
         let mut nodes = vec![0.0; mesh.nodes.len()];
-        let of = |((_, kind), own): &(&(Place, Support), &Option<&FieldInput>)| {
-            kind.holds_deflection() && same(**own, motion)
+        let has_motion = |((_, kind), other): &(&(Place, Support), &Option<&FieldInput>)| {
+            kind.holds_deflection() && same(**other, motion)
         };
-        for ((place, _), _) in places.iter().zip(&motions).filter(of) {
+        for ((place, _), _) in places.iter().zip(&motions).filter(has_motion) {
             match place {
                 Place::Edges(edges) => edges.as_flattened().iter().for_each(|&node| nodes[node] = 1.0),
-                Place::Nodes(at) => at.iter().for_each(|&node| nodes[node] = 1.0),
+                Place::Nodes(held) => held.iter().for_each(|&node| nodes[node] = 1.0),
             }
         }
         partition.sum_at_nodes(&nodes)
     };
     let mut taken = nodes_of(None)?;
     let lift = |motion: &FieldInput| {
-        // The plate bends statically between held nodes that move and those at rest.
+        // The plate bends statically between moving and resting held nodes.
         let moved = nodes_of(Some(motion))?;
         let torn = (0..taken.len()).find(|&node| moved[node] > 0.0 && taken[node] > 0.0);
         comm.all_ok(torn.map_or(Ok(()), |node| Err(tears(motion, mesh.nodes[node]))))?;
@@ -94,9 +94,9 @@ fn same(one: Option<&FieldInput>, other: Option<&FieldInput>) -> bool {
     one == other
 }
 
-/// Returns the error of a node that is to move in two ways at once.
-fn tears(motion: &FieldInput, at: Point) -> Error {
-    let wrong = format!("the node at ({}, {}) is also held by a support that moves otherwise", at.x, at.y);
+/// Returns the error of a node with two different motions.
+fn tears(motion: &FieldInput, p: Point) -> Error {
+    let wrong = format!("the node at ({}, {}) is also held by a support that moves otherwise", p.x, p.y);
     Error::Scene(format!("{}: {wrong}; expected separate nodes, as by where", motion.key))
 }
 
@@ -115,7 +115,7 @@ impl Lift {
         let step = ground.scene.time.step;
         let [place, rate] = [(); 2].map(|()| motion.clone());
         // The gaps of balls are numbered past the nodes; no motion shifts them.
-        let at = |site: &DeflectionDof| shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
+        let deflection = |site: &DeflectionDof| shape.get(PER_NODE * site.node).copied().unwrap_or(0.0);
         Ok(SupportMotion {
             place: Box::new(move |t| place.at(Point::origin(), t)),
             rate: Box::new(move |t| match rate.jet(t) {
@@ -125,7 +125,7 @@ impl Lift {
             }),
             momentum: ground.momenta(shape)?,
             stiffness: stiffness.transpose()?.filter(any),
-            at_bounds: bounded.iter().map(at).collect(),
+            at_bounds: bounded.iter().map(deflection).collect(),
             shape: ground.owned(&ground.space.interpolate(shape), dofs),
         })
     }

@@ -2,7 +2,7 @@
 
 use crate::linalg::{Engine, Native};
 
-/// Engine whose matrices are those of the native engine over this process's cells.
+/// Engine whose matrices the native engine builds over this process's cells.
 pub(in crate::simulation) trait OfCells: Engine<Factor: 'static> + 'static {
     /// Returns the native engine.
     fn native(&self) -> &Native;

@@ -5,8 +5,8 @@
 //! held dof is the force or the moment of its support on the plate.
 //!
 //! A node that several named supports hold belongs to the first of them in the scene. The springs
-//! of an elastic edge act on all of its nodes, and their force is that of the edge wherever another
-//! support holds the node.
+//! of an elastic edge act on all of its nodes, and their force counts for the edge even where
+//! another support holds the node.
 
 use super::contributions::PointTerm;
 use super::ground::BuildContext;
@@ -37,7 +37,7 @@ pub(in crate::simulation) type Wrench = [f64; 3];
 /// Node of a named support.
 struct HeldNode {
     node: usize,
-    at: Point,
+    point: Point,
     /// Constraints that the support bears; `None` where another support bears them.
     hold: Option<NodeConstraint>,
     /// Index of the support among the named ones.
@@ -47,7 +47,7 @@ struct HeldNode {
 
 /// Cell at held nodes.
 struct HeldCell {
-    /// Index of the cell, which is that of its velocity with the singular mass.
+    /// Index of the cell and, with the singular mass, of its velocity.
     number: usize,
     free: CellArrays,
     /// The same arrays over all deflections and slopes.
@@ -208,7 +208,7 @@ impl Reactions {
     pub fn sums(&self, at_nodes: &[f64]) -> Vec<Wrench> {
         let mut sums = vec![Wrench::default(); self.centroids.len()];
         for (node, [w, along_x, along_y]) in self.nodes.iter().zip(at_nodes.as_chunks().0) {
-            let arm = node.at - self.centroids[node.support];
+            let arm = node.point - self.centroids[node.support];
             let [force, x, y] = &mut sums[node.support];
             *force += w;
             *x += w * arm.y + along_y;
@@ -233,9 +233,9 @@ impl Reactions {
                 of_support().for_each(|(k, node)| values[node.node] = at_nodes[PER_NODE * k + which]);
                 sums.push((self.sum_at_nodes)(&values)?);
             }
-            for (_, HeldNode { node, at, .. }) in of_support().filter(|(_, node)| node.is_own) {
+            for (_, HeldNode { node, point, .. }) in of_support().filter(|(_, node)| node.is_own) {
                 let [w, along_x, along_y] = [0, 1, 2].map(|which| sums[which][*node]);
-                rows.push((support, [at.x, at.y], [w, along_y, -along_x]));
+                rows.push((support, [point.x, point.y], [w, along_y, -along_x]));
             }
         }
         Ok(rows)
@@ -250,11 +250,11 @@ impl Reactions {
     }
 
     /// Returns the forces of the plate on its elastic edges.
-    fn on_edges(&self, of: DofVector) -> Vec<f64> {
+    fn on_edges(&self, u: DofVector) -> Vec<f64> {
         let mut sums = vec![0.0; PER_NODE * self.nodes.len()];
         for (support, cells) in &self.edges {
             let force =
-                self.rows(|force| cells.iter().for_each(|cell| cell.add_beds(&of.in_cell(cell), force)));
+                self.rows(|force| cells.iter().for_each(|cell| cell.add_beds(&u.in_cell(cell), force)));
             let rows = sums.as_chunks_mut::<PER_NODE>().0.iter_mut().zip(force.as_chunks().0);
             let rows = self.nodes.iter().zip(rows).filter(|(held, _)| held.support == *support);
             rows.for_each(|(_, (sum, row))| *sum = *row);
@@ -263,24 +263,24 @@ impl Reactions {
     }
 
     /// Adds the elastic forces K u of plate and effects.
-    fn add_elastic(&self, of: DofVector, force: &mut [f64]) {
+    fn add_elastic(&self, u: DofVector, force: &mut [f64]) {
         for cell in &self.cells {
-            let values = of.in_cell(cell);
+            let values = u.in_cell(cell);
             cell.whole.add(&cell.whole.local.bending.product(&values), force);
             cell.add_beds(&values, force);
         }
         for spring in &self.springs {
-            push(spring, of.under(spring), force);
+            push(spring, u.under(spring), force);
         }
     }
 
     /// Adds the product of the consistent mass with an acceleration.
-    fn add_consistent(&self, of: DofVector, force: &mut [f64]) {
+    fn add_consistent(&self, a: DofVector, force: &mut [f64]) {
         for cell in &self.cells {
-            cell.whole.add_product(&cell.whole.local.mass, &of.in_cell(cell), force);
+            cell.whole.add_product(&cell.whole.local.mass, &a.in_cell(cell), force);
         }
         for mass in &self.masses {
-            push(mass, of.under(mass), force);
+            push(mass, a.under(mass), force);
         }
     }
 
@@ -304,15 +304,15 @@ impl Reactions {
 
     /// Returns the forces and momenta of a support motion.
     fn lift(&self, lift: &Lift, is_singular: bool) -> HeldLift {
-        let of = DofVector::Whole(&lift.shape);
-        let mean = |cell: &HeldCell| dot(&cell.whole.local.row, &of.in_cell(cell)) / cell.whole.local.weight;
+        let u = DofVector::Whole(&lift.shape);
+        let mean = |cell: &HeldCell| dot(&cell.whole.local.row, &u.in_cell(cell)) / cell.whole.local.weight;
         HeldLift {
-            force: self.rows(|force| self.add_elastic(of, force)),
+            force: self.rows(|force| self.add_elastic(u, force)),
             momentum: self.rows(|force| match is_singular {
-                true => self.add_singular(mean, |_, mass| of.under(mass), force),
-                false => self.add_consistent(of, force),
+                true => self.add_singular(mean, |_, mass| u.under(mass), force),
+                false => self.add_consistent(u, force),
             }),
-            on_edges: self.on_edges(of),
+            on_edges: self.on_edges(u),
             is_damped: !lift.is_rigid,
         }
     }
@@ -356,11 +356,11 @@ fn nodes<P: Partition>(ground: &BuildContext<P>) -> Result<(Vec<HeldNode>, Vec<P
     let mut is_taken = vec![false; mesh.nodes.len()];
     let (mut nodes, mut centroids) = (Vec::new(), Vec::new());
     let named = scene.supports.iter().zip(supports(scene, mesh, comm)?);
-    for (of, (place, kind)) in named.filter(|(support, _)| support.name.is_some()) {
+    for (support, (place, kind)) in named.filter(|(support, _)| support.name.is_some()) {
         let mut flags = vec![0.0; mesh.nodes.len()];
         let mut sums = [0.0; 3];
-        let mut weigh = |weight: f64, at: Point| {
-            sums.iter_mut().zip([weight, weight * at.x, weight * at.y]).for_each(|(sum, of)| *sum += of);
+        let mut weigh = |weight: f64, p: Point| {
+            sums.iter_mut().zip([weight, weight * p.x, weight * p.y]).for_each(|(sum, term)| *sum += term);
         };
         match place {
             Place::Edges(edges) => {
@@ -380,10 +380,10 @@ fn nodes<P: Partition>(ground: &BuildContext<P>) -> Result<(Vec<HeldNode>, Vec<P
         let flags = partition.sum_at_nodes(&flags)?;
         for (node, _) in flags.iter().enumerate().filter(|(_, flag)| **flag > 0.0) {
             let bears = kind != SupportKind::Elastic && !std::mem::replace(&mut is_taken[node], true);
-            if bears || of.elastic.is_some() {
+            if bears || support.elastic.is_some() {
                 nodes.push(HeldNode {
                     node,
-                    at: mesh.nodes[node],
+                    point: mesh.nodes[node],
                     hold: bears.then_some(holds[node]),
                     support: centroids.len(),
                     is_own: partition.owns_node(node),

@@ -12,14 +12,14 @@ use crate::partition::Partition;
 use std::collections::BTreeSet;
 
 impl<P: Partition> BuildContext<'_, P> {
-    /// Returns node, position and constraints of all restraints of this process: those of the
-    /// supports, then those of effects.
+    /// Returns node, position and constraints of all restraints of this process, first by supports,
+    /// then by effects.
     fn restraints(&self) -> impl Iterator<Item = (usize, Point, NodeConstraint)> {
         let held = self.holds.iter().enumerate().filter(|(_, hold)| hold.is_any());
         let held = held.filter(|(node, _)| self.partition.owns_node(*node));
         let held = held.map(|(node, hold)| (node, self.mesh.nodes[node], *hold));
         let of_effects = self.terms.restraints.iter();
-        held.chain(of_effects.map(|Restraint { node, at, hold }| (*node, *at, *hold)))
+        held.chain(of_effects.map(|Restraint { node, point, hold }| (*node, *point, *hold)))
     }
 
     /// Returns the rigid motions that nothing restrains, in words. Collective.
@@ -32,7 +32,7 @@ impl<P: Partition> BuildContext<'_, P> {
         let [right, top, left, bottom] = self.farthest();
         let centre = Point::new(0.5 * (right - left), 0.5 * (top - bottom));
         let mut rigid = Rigid::new(centre, 0.5 * (right + left).hypot(top + bottom));
-        self.restraints().for_each(|(_, at, hold)| rigid.hold(at, &hold));
+        self.restraints().for_each(|(_, point, hold)| rigid.hold(point, &hold));
         at_rest.iter().for_each(|&point| rigid.hold_deflection(point));
         let seen = self.comm().all_reduce_sum_slice(rigid.seen());
         rigid.see(&seen);
@@ -43,7 +43,7 @@ impl<P: Partition> BuildContext<'_, P> {
     /// inertia either: its means over all cells vanish, as for a single row of cells rotating about
     /// its centre line. Collective.
     pub(super) fn refuse_weightless(&self) -> Result<()> {
-        let fixed = self.terms.masses.iter().map(|mass| mass.at);
+        let fixed = self.terms.masses.iter().map(|mass| mass.point);
         let centres = assembly::centres_of_mass(self.mesh, &self.cells);
         match self.rigid(&fixed.chain(centres).collect::<Vec<_>>()).mechanism() {
             None => Ok(()),
@@ -75,7 +75,7 @@ impl<P: Partition> BuildContext<'_, P> {
         let frames = centres.iter().zip(&sizes);
         let mut rigid: Vec<Rigid> =
             frames.map(|(centre, [count, size, _])| Rigid::new(*centre, (size / count).sqrt())).collect();
-        self.restraints().for_each(|(node, at, hold)| rigid[part_of[node]].hold(at, &hold));
+        self.restraints().for_each(|(node, point, hold)| rigid[part_of[node]].hold(point, &hold));
         let seen: Vec<f64> = rigid.iter().flat_map(|rigid| rigid.seen().to_vec()).collect();
         let seen = self.comm().all_reduce_sum_slice(&seen);
         for ((rigid, seen), centre) in rigid.iter_mut().zip(seen.chunks_exact(9)).zip(&centres) {
@@ -94,8 +94,8 @@ impl<P: Partition> BuildContext<'_, P> {
 
 /// Returns the part of each node of this process, and the number of parts over all. Collective.
 fn parts<P: Partition>(ground: &BuildContext<P>) -> Result<(Vec<usize>, usize)> {
-    let (of_node, own) = ground.mesh.part_of_nodes();
-    let counts = ground.comm().all_gather_one(own);
+    let (of_node, count) = ground.mesh.part_of_nodes();
+    let counts = ground.comm().all_gather_one(count);
     let first: usize = counts[..ground.comm().rank()].iter().sum();
     let number = |node: usize| first + of_node[node];
     // The part numbers that the owner of a node and this process give it belong to one part.

@@ -21,7 +21,7 @@ pub(super) struct SliderDof {
 /// Collective.
 ///
 /// # Errors
-/// Returns [`Error::Scene`] for a node that a support holds, or that is not the slider's alone.
+/// Returns [`Error::Scene`] for a node that a support holds or another slider or obstacle faces.
 pub(super) fn find<P: Partition>(
     ground: &BuildContext<P>,
     opposite: &[Vec<usize>],

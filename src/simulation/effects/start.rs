@@ -94,10 +94,10 @@ pub(super) fn start<E: OfCells, P: Partition>(
     let rates = system.drive.rates(0.0)?;
     let of_supports = |dof: usize| lifts.iter().zip(&rates).map(|(lift, rate)| rate * lift.shape[dof]).sum();
     let thrown = if initial.velocity.is_zero() { None } else { contradiction(ground, &given, of_supports) };
-    // The first process that has a violation tells it.
+    // The message names the violation of the first process that has one.
     let thrown = comm.all_gather(thrown.as_slice()).into_iter().next();
-    let doubt = thrown.map(|of| {
-        format!("initial.velocity: {}; it stops the plate there at once", in_words(of, "m/s", "1/s"))
+    let doubt = thrown.map(|thrown| {
+        format!("initial.velocity: {}; it stops the plate there at once", in_words(thrown, "m/s", "1/s"))
     });
     let mut velocity = space.interpolate(&given);
     for (Lift { shape, .. }, rate) in lifts.iter().zip(&rates) {
@@ -139,7 +139,7 @@ pub(super) fn start<E: OfCells, P: Partition>(
     if violation > BEYOND * comm.all_reduce_max(largest) {
         // The rank of the largest violation names it.
         let worst = system.bounds.worst(&displacement);
-        let beyond = worst.filter(|(_, own)| *own == violation).map(|(bound, _)| {
+        let beyond = worst.filter(|(_, depth)| *depth == violation).map(|(bound, _)| {
             let [lower, _] = system.bounds.rigid(bound);
             let site = &sites[bound];
             let side = if displacement[site.dof] < lower { Side::Below } else { Side::Above };
@@ -174,7 +174,7 @@ fn compress(
 fn on_supports<P: Partition>(ground: &BuildContext<P>, shape: Vec<f64>) -> Result<Vec<f64>> {
     match contradiction(ground, &shape, |_| 0.0) {
         None => Ok(shape),
-        Some(of) => Err(Error::Scene(format!("initial.deflection: {}", in_words(of, "m", "")))),
+        Some(fault) => Err(Error::Scene(format!("initial.deflection: {}", in_words(fault, "m", "")))),
     }
 }
 
@@ -197,8 +197,8 @@ fn contradiction<P: Partition>(
     shape: &[f64],
     of_supports: impl Fn(usize) -> f64,
 ) -> Option<Contradiction> {
-    let largest = |of: fn(usize) -> bool| {
-        let chosen = shape.iter().enumerate().filter(|(dof, _)| of(dof % PER_NODE));
+    let largest = |is_chosen: fn(usize) -> bool| {
+        let chosen = shape.iter().enumerate().filter(|(dof, _)| is_chosen(dof % PER_NODE));
         chosen.fold(0.0, |m: f64, (_, value)| m.max(value.abs()))
     };
     let scales = [largest(|which| which == 0), largest(|which| which > 0)];

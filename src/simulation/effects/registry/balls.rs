@@ -9,17 +9,17 @@ use crate::simulation::effects::ground::BuildContext;
 pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contributions) -> Result<()> {
     for (number, ball) in ground.scene.attachments.balls.iter().enumerate() {
         let term = ground.point_term(&format!("ball.{number}"), ball.at, ball.mass)?;
-        let Some((PointTerm { amount, at, spot }, gap)) = term.zip(ground.gaps[number]) else { continue };
+        let Some((PointTerm { amount, point, spot }, gap)) = term.zip(ground.gaps[number]) else { continue };
         let rides =
             PointEvaluation { free: spot.free.clone().with(gap, 1.0), of_shape: spot.of_shape.clone() };
         let tip = ground.ball_tip(number);
-        if let Some((of, tip)) = ball.compliance.zip(tip) {
-            sum.links.push(Link { body: gap, tip, stiffness: of.stiffness, damping: of.damping });
+        if let Some((stop, tip)) = ball.compliance.zip(tip) {
+            sum.links.push(Link { body: gap, tip, stiffness: stop.stiffness, damping: stop.damping });
         }
         sum.bodies.push(Body {
             number,
             spot,
-            mass: PointTerm { amount, at, spot: rides },
+            mass: PointTerm { amount, point, spot: rides },
             gap,
             tip,
             start: [ball.height, ball.velocity],

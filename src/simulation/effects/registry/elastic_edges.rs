@@ -19,8 +19,8 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
     }
     let places = supports(scene, mesh, comm)?;
     for (number, (support, (place, _))) in scene.supports.iter().zip(places).enumerate() {
-        let (Some(of), Place::Edges(edge)) = (support.elastic, place) else { continue };
-        let springs = EdgeSprings { stiffness: of.stiffness.unwrap_or(0.0), rotation: of.rotation };
+        let (Some(elastic), Place::Edges(edge)) = (support.elastic, place) else { continue };
+        let springs = EdgeSprings { stiffness: elastic.stiffness.unwrap_or(0.0), rotation: elastic.rotation };
         let sides = own_sides(mesh, edge, comm);
         sum.restraints.extend(sides.iter().flat_map(|side| restraints(mesh, *side, springs)));
         let sides = sides.into_iter().map(|side| (side, springs));
@@ -35,8 +35,8 @@ fn own_sides(mesh: &Mesh, mut sides: Vec<[usize; 2]>, comm: &impl Communicator) 
     let middle =
         |[a, b]: &[usize; 2]| -> [f64; 2] { nalgebra::center(&mesh.nodes[*a], &mesh.nodes[*b]).into() };
     let middles: Vec<[f64; 2]> = sides.iter().map(middle).collect();
-    let (all, first) = comm.all_gather_with_offset(&middles);
-    sides.retain(|side| !all[..first].contains(&middle(side)));
+    let (middles, first) = comm.all_gather_with_offset(&middles);
+    sides.retain(|side| !middles[..first].contains(&middle(side)));
     sides
 }
 
@@ -50,5 +50,5 @@ fn restraints(mesh: &Mesh, [a, b]: [usize; 2], springs: EdgeSprings) -> [Restrai
     if springs.rotation > 0.0 {
         hold.add(Support::Guided, Some(side.into()));
     }
-    [a, b].map(|node| Restraint { node, at: mesh.nodes[node], hold })
+    [a, b].map(|node| Restraint { node, point: mesh.nodes[node], hold })
 }

@@ -19,18 +19,18 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
     if foundations.is_empty() {
         return Ok(());
     }
-    let reach = |(number, of): (usize, &scene::Foundation)| {
-        cells_in(&of.region, mesh, ground.comm(), &format!("foundation.{number}"))
+    let reach = |(number, foundation): (usize, &scene::Foundation)| {
+        cells_in(&foundation.region, mesh, ground.comm(), &format!("foundation.{number}"))
     };
     let reaches: Vec<Vec<bool>> = foundations.iter().enumerate().map(reach).collect::<Result<_>>()?;
     let rules = foundation_rules(ground, &reaches)?;
-    let stiffness = |cell: usize, at| {
+    let stiffness = |cell: usize, point| {
         let mut total = 0.0;
-        for (of, _) in foundations.iter().zip(&reaches).filter(|(_, reach)| reach[cell]) {
-            let stiffness = of.stiffness.at(at, 0.0)?;
+        for (foundation, _) in foundations.iter().zip(&reaches).filter(|(_, reach)| reach[cell]) {
+            let stiffness = foundation.stiffness.at(point, 0.0)?;
             if stiffness < 0.0 {
-                let wrong = format!("{stiffness:?} N/m3 at ({}, {}); expected at least 0", at.x, at.y);
-                return Err(Error::Scene(format!("{}: {wrong}", of.stiffness.key)));
+                let wrong = format!("{stiffness:?} N/m3 at ({}, {}); expected at least 0", point.x, point.y);
+                return Err(Error::Scene(format!("{}: {wrong}", foundation.stiffness.key)));
             }
             total += stiffness;
         }
@@ -39,7 +39,7 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
     let matrices = ground.comm().all_ok(assembly::foundation(mesh, &stiffness, &rules))?;
     let borne = matrices.iter().flat_map(|(cell, _)| mesh.cells[*cell].nodes().iter().copied());
     let hold = NodeConstraint { deflection: 1.0, ..NodeConstraint::default() };
-    let restraint = |node: usize| Restraint { node, at: mesh.nodes[node], hold };
+    let restraint = |node: usize| Restraint { node, point: mesh.nodes[node], hold };
     sum.restraints.extend(borne.collect::<BTreeSet<usize>>().into_iter().map(restraint));
     sum.add_stiffness(matrices, true, None);
     Ok(())
@@ -48,12 +48,12 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
 /// Returns special quadrature rules for cells in which foundations need them. Collective.
 fn foundation_rules<P: Partition>(ground: &BuildContext<P>, reaches: &[Vec<bool>]) -> Result<Rules> {
     let foundations = &ground.scene.attachments.foundations;
-    if foundations.iter().all(|of| of.stiffness.is_low()) {
+    if foundations.iter().all(|foundation| foundation.stiffness.is_low()) {
         return Ok(Rules::new());
     }
     let cells = 0..ground.mesh.cells.len();
     let under = |cell: usize| foundations.iter().zip(reaches).filter(move |(_, reach)| reach[cell]);
-    let sum = |cell: usize| under(cell).map(|(of, _)| of.stiffness.still(0.0)).collect();
+    let sum = |cell: usize| under(cell).map(|(foundation, _)| foundation.stiffness.still(0.0)).collect();
     let sums: Vec<Vec<scene::Still>> = cells.map(sum).collect();
     let field = |cell: usize| (!sums[cell].is_empty()).then_some(&sums[cell] as &dyn Integrand);
     refinement::rules("foundation", ground.mesh, &field, ground.comm())

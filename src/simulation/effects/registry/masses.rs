@@ -10,8 +10,8 @@ use crate::simulation::effects::ground::BuildContext;
 
 /// Adds all masses. Collective.
 ///
-/// All cells that contain the point share its mass equally. A mass at a held point would only keep
-/// their means from moving, and remains apart.
+/// All cells that contain the point share its mass equally. A mass at a held point does not move;
+/// it would only slow the mean motion of the cells, and remains apart.
 pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contributions) -> Result<()> {
     let comm = ground.comm();
     for (number, mass) in ground.scene.attachments.masses.iter().enumerate() {
@@ -22,10 +22,10 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
             sum.masses.extend(term);
             continue;
         }
-        let at = mass.at.into();
-        let around: Vec<usize> = ground.mesh.cells_at(at).collect();
+        let point = mass.at.into();
+        let around: Vec<usize> = ground.mesh.cells_at(point).collect();
         let share = mass.mass / comm.all_reduce_sum(around.len()) as f64;
-        sum.carried.extend(around.into_iter().map(|cell| (cell, at, share)));
+        sum.carried.extend(around.into_iter().map(|cell| (cell, point, share)));
     }
     Ok(())
 }

@@ -42,8 +42,8 @@ fn effects<P: Partition>() -> Vec<Effect<P>> {
 }
 
 impl<'g, P: Partition> BuildContext<'g, P> {
-    /// Collects the cells, and the contributions of all effects. `gaps` and `stops` are those of
-    /// the fields of the same names. Collective.
+    /// Collects the cells, and the contributions of all effects. The fields describe `gaps` and
+    /// `stops`. Collective.
     ///
     /// # Errors
     /// Returns the errors of the scene's formulas and regions on the mesh.
@@ -64,7 +64,7 @@ impl<'g, P: Partition> BuildContext<'g, P> {
         effects().into_iter().try_for_each(|add| add(&ground, &mut terms))?;
         ground.terms = terms;
         let mut carried = ground.terms.carried.iter();
-        let add = |&(cell, at, mass)| assembly::add_point_mass(mesh, &mut ground.cells, cell, at, mass);
+        let add = |&(cell, point, mass)| assembly::add_point_mass(mesh, &mut ground.cells, cell, point, mass);
         comm.all_ok(carried.try_for_each(add))?;
         assembly::average_carried(&mut ground.cells, &bare);
         Ok(ground)

@@ -14,7 +14,7 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
         };
         let dof = term.spot.of_shape.weights().first().map_or(0, |(dof, _)| *dof);
         let hold = NodeConstraint { deflection: 1.0, ..NodeConstraint::default() };
-        sum.restraints.push(Restraint { node: dof / PER_NODE, at: term.at, hold });
+        sum.restraints.push(Restraint { node: dof / PER_NODE, point: term.point, hold });
         sum.springs.push(term);
     }
     Ok(())
