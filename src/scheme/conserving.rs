@@ -194,6 +194,18 @@ impl Default for RelaxationStatistics {
     }
 }
 
+impl RelaxationStatistics {
+    /// Counts a step with the energy (J) dissipated in it; only a step that may be relaxed counts as
+    /// such.
+    pub(super) fn note(&mut self, gamma: f64, dissipated: f64, may_be_relaxed: bool) {
+        self.dissipated += dissipated;
+        self.states += 1;
+        self.relaxed_steps += u64::from(may_be_relaxed && gamma != 1.0);
+        self.least_gamma = self.least_gamma.min(gamma);
+        self.largest_gamma = self.largest_gamma.max(gamma);
+    }
+}
+
 /// Conserving scheme at grid instant n; see the [module page](self).
 pub struct Conserving<'s, E: Engine> {
     system: &'s System<E>,
@@ -265,8 +277,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
         bounds.restrict(&now.u, &mut record.admissible);
         let mut rates = vec![0.0; bounds.len()];
         bounds.restrict(&start.velocity, &mut rates);
-        let starts = |(&deflection, &velocity)| Approach { time: 0.0, deflection, velocity };
-        let free = record.admissible.iter().zip(&rates).map(starts).collect();
+        let free = Approach::at_start(bounds, &now.u, &start.velocity);
         let mut scheme = Conserving {
             system,
             rules: Vec::new(),
@@ -364,11 +375,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
             };
             let [work, dissipated] = line.exchange(gamma, &self.now)?;
             self.work += work;
-            relaxation.dissipated += dissipated;
-            relaxation.states += 1;
-            relaxation.relaxed_steps += u64::from(!straight && gamma != 1.0);
-            relaxation.least_gamma = relaxation.least_gamma.min(gamma);
-            relaxation.largest_gamma = relaxation.largest_gamma.max(gamma);
+            relaxation.note(gamma, dissipated, !straight);
             self.span = gamma * rule.dt;
             self.work += self.now.follow_supports(self.system, &self.support_velocities, time + self.span)?;
             self.last = halvings;

@@ -261,6 +261,14 @@ pub struct Approach {
 }
 
 impl Approach {
+    /// Returns the initial states of all bounds, given displacement (m) and velocity (m/s), one
+    /// entry per dof.
+    fn at_start(bounds: &Bounds, displacement: &[f64], velocity: &[f64]) -> Vec<Approach> {
+        let state =
+            |&dof: &usize| Approach { time: 0.0, deflection: displacement[dof], velocity: velocity[dof] };
+        bounds.dofs.iter().map(state).collect()
+    }
+
     /// Saves or restores approaches, one per bound.
     fn archive(approaches: &mut [Approach], archive: &mut Archive) -> Result<()> {
         archive.items(

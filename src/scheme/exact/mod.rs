@@ -225,11 +225,6 @@ impl<'s, E: Engine> Exact<'s, E> {
         };
         check_rigid(system, &with_mass, &reduction, &motion.modes, &modal, &start.displacement)?;
         let search = EventSearch::new(&motion, options.stride, options.roundings, 0);
-        let before = |&dof: &usize| Approach {
-            time: 0.0,
-            deflection: start.displacement[dof],
-            velocity: start.velocity[dof],
-        };
         let bounded = bounds.len();
         let mut exact = Exact {
             system,
@@ -240,7 +235,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             watched: Mat::zeros(reduction.candidates.len(), 2),
             shape: OnceCell::new(),
             events: Vec::new(),
-            touches: bounds.dofs.iter().map(before).collect(),
+            touches: Approach::at_start(bounds, &start.displacement, &start.velocity),
             check,
             record: StepRecord::new(dt, bounded),
             statistics: EventStatistics::default(),
