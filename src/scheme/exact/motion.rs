@@ -46,8 +46,8 @@ use super::modes::Modes;
 use super::responses::{phase, rigid_response, rigid_response_sums, sums};
 use crate::archive::Archive;
 use crate::error::Result;
-use faer::Mat;
-use pulp::{Arch, Simd, WithSimd};
+use faer::linalg::matmul::matmul;
+use faer::{Accum, Mat, Par};
 use std::rc::Rc;
 
 /// Number of grid instants between direct evaluations of sin and cos.
@@ -72,7 +72,6 @@ pub(super) struct ModalSolution {
     walked: u32,
     /// Integrals of s and v over one grid step, computed on request from the modes alone.
     sums: Vec<[f64; 2]>,
-    arch: Arch,
 }
 
 impl ModalSolution {
@@ -87,18 +86,7 @@ impl ModalSolution {
         }
         let place = state.col_as_slice(0).to_vec();
         let (phases, turn) = Default::default();
-        ModalSolution {
-            modes,
-            start,
-            place,
-            sine,
-            versine,
-            phases,
-            turn,
-            walked: 0,
-            sums: Vec::new(),
-            arch: Arch::new(),
-        }
+        ModalSolution { modes, start, place, sine, versine, phases, turn, walked: 0, sums: Vec::new() }
     }
 
     /// Saves or restores all but the modes.
@@ -242,9 +230,9 @@ impl ModalSolution {
     /// Computes the watched quantities of a state and their rates (columns).
     pub fn watch(&self, state: &Mat<f64>, values: &mut Mat<f64>) {
         let Modes { offset, rows, coupling, .. } = &*self.modes;
-        affine(self.arch, offset, rows, state, values);
+        affine(offset, rows, state, values);
         if let Some(coupling) = coupling {
-            add_product(self.arch, &coupling.rows, &self.rates(state), values);
+            matmul(values.as_mut(), Accum::Add, &coupling.rows, self.rates(state), 1.0, Par::Seq);
         }
     }
 
@@ -303,58 +291,8 @@ impl ModalSolution {
 }
 
 /// Computes `offset + rows q` and `rows q'` (columns) from q and q' (columns).
-pub(super) fn affine(arch: Arch, offset: &[f64], rows: &Mat<f64>, state: &Mat<f64>, values: &mut Mat<f64>) {
+pub(super) fn affine(offset: &[f64], rows: &Mat<f64>, state: &Mat<f64>, values: &mut Mat<f64>) {
     values.col_as_slice_mut(0).copy_from_slice(offset);
     values.col_as_slice_mut(1).fill(0.0);
-    add_product(arch, rows, state, values);
-}
-
-/// Adds `rows q` and `rows q'` to columns.
-fn add_product(arch: Arch, rows: &Mat<f64>, state: &Mat<f64>, values: &mut Mat<f64>) {
-    let (value, rate) = values.two_cols_mut(0, 1);
-    let (Some(value), Some(rate)) = (value.try_as_col_major_mut(), rate.try_as_col_major_mut()) else {
-        return;
-    };
-    let (value, rate) = (value.as_slice_mut(), rate.as_slice_mut());
-    arch.dispatch(Watch { rows, state, value, rate });
-}
-
-/// Number of columns of P processed together, to make fewer passes over the sums.
-const TOGETHER: usize = 4;
-
-/// Kernel of value += P q, rate += P q' with the widest registers of the processor, in one pass
-/// over P.
-struct Watch<'a> {
-    rows: &'a Mat<f64>,
-    state: &'a Mat<f64>,
-    value: &'a mut [f64],
-    rate: &'a mut [f64],
-}
-
-impl WithSimd for Watch<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Watch { rows, state, value, rate } = self;
-        let (places, rates) = (state.col_as_slice(0), state.col_as_slice(1));
-        let whole = rows.ncols() - rows.ncols() % TOGETHER;
-        for k in (0..whole).step_by(TOGETHER) {
-            let p: [&[f64]; TOGETHER] = std::array::from_fn(|j| &rows.col_as_slice(k + j)[..value.len()]);
-            let (q, dq) = (&places[k..][..TOGETHER], &rates[k..][..TOGETHER]);
-            for (i, (value, rate)) in value.iter_mut().zip(rate.iter_mut()).enumerate() {
-                for j in 0..TOGETHER {
-                    *value += p[j][i] * q[j];
-                    *rate += p[j][i] * dq[j];
-                }
-            }
-        }
-        for k in whole..rows.ncols() {
-            let (q, dq) = (places[k], rates[k]);
-            for ((value, rate), p) in value.iter_mut().zip(rate.iter_mut()).zip(rows.col_as_slice(k)) {
-                *value += p * q;
-                *rate += p * dq;
-            }
-        }
-    }
+    matmul(values.as_mut(), Accum::Add, rows, state, 1.0, Par::Seq);
 }

@@ -33,7 +33,6 @@ use crate::error::Result;
 use crate::obstacle::Bounds;
 use crate::vi::BoundStatus;
 use faer::Mat;
-use pulp::Arch;
 use std::f64::consts::TAU;
 
 /// Nodes out of reach; see the [module page](self).
@@ -54,7 +53,6 @@ pub(super) struct Reach {
     sizes: Vec<f64>,
     /// Deflections at z = 0 without reactions, in m, one entry per bound.
     rest: Vec<f64>,
-    arch: Arch,
 }
 
 impl Reach {
@@ -74,7 +72,6 @@ impl Reach {
             shapes,
             sizes,
             rest: bounds.dofs.iter().map(|&dof| rest[(dof, 0)]).collect(),
-            arch: Arch::new(),
         }
     }
 
@@ -99,7 +96,7 @@ impl Reach {
         motion.state(at, &mut state);
         motion.watch(&state, &mut watched);
         let place = modes.place(&state);
-        affine(self.arch, &self.rest, &self.shapes, &place, &mut self.values);
+        affine(&self.rest, &self.shapes, &place, &mut self.values);
 
         let accelerations: Vec<f64> = (0..modes.frequencies.len()).map(|k| motion.acceleration(k)).collect();
         let growth = |k| motion.derivative_growth(k);
