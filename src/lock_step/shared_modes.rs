@@ -115,7 +115,7 @@ impl<'s> SharedModes<'s> {
 
     /// Returns the equations of a number of coordinates.
     pub(super) fn equations(&self, parameters: NewmarkParameters, size: usize) -> Equations {
-        let NewmarkParameters { beta, step: dt, .. } = parameters;
+        let [of_mass, of_stiffness, of_rate] = parameters.matrix_weights();
         let (modes, squares) = (self.modes.count(), &self.modes.squares);
         let massless = size - modes;
         let slow = if self.massless == MasslessPart::Swings { self.system.damping.stiffness } else { 0.0 };
@@ -124,11 +124,14 @@ impl<'s> SharedModes<'s> {
         let mut stiffness = squares.clone();
         stiffness.extend(vec![1.0; massless]);
         let inverse = |j: usize| {
-            let inertia = if j < modes { 1.0 / (dt * dt) } else { 0.0 };
-            1.0 / (inertia + beta * stiffness[j] + 0.5 * decay[j] / dt)
+            let inertia = if j < modes { of_mass } else { 0.0 };
+            1.0 / (inertia + of_stiffness * stiffness[j] + of_rate * decay[j])
         };
-        let coordinate =
-            |j: usize| Coordinate { stiffness: stiffness[j], decay: decay[j] / dt, inverse: inverse(j) };
+        let coordinate = |j: usize| Coordinate {
+            stiffness: stiffness[j],
+            decay: decay[j] / parameters.step,
+            inverse: inverse(j),
+        };
         let coordinates: Vec<Coordinate> = (0..size).map(coordinate).collect();
         let compliance = &self.model.compliance;
         let row = |i: usize| {

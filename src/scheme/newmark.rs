@@ -56,6 +56,7 @@ use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use instants::CentralInstants;
 use std::cell::RefCell;
+use std::ops::{Add, Mul, Sub};
 use stiffness_force::StiffnessForce;
 
 /// Parameters of [`Newmark`].
@@ -67,6 +68,61 @@ pub struct NewmarkParameters {
     pub restitution: f64,
     /// Time step `$\Delta t$`, in s.
     pub step: f64,
+}
+
+/// Formulas that the scheme has in common over dofs, over modes and over systems in lock step.
+impl NewmarkParameters {
+    /// Returns the weights of M, K and D in the step matrix (paper, section 4.1, with damping).
+    pub(crate) fn matrix_weights(self) -> [f64; 3] {
+        [1.0 / (self.step * self.step), self.beta, 0.5 / self.step]
+    }
+
+    /// Returns the beta-average of the values at the instants n - 1, n and n + 1.
+    #[inline(always)]
+    pub(crate) fn average<T>(self, [before, now, next]: [T; 3]) -> T
+    where
+        T: Copy + Add<Output = T> + Sub<Output = T>,
+        f64: Mul<T, Output = T>,
+    {
+        now + self.beta * ((next - 2.0 * now) + before)
+    }
+
+    /// Returns the second difference of the values at three instants over dt^2.
+    pub(crate) fn acceleration(self, [before, now, next]: [f64; 3]) -> f64 {
+        ((next - now) - (now - before)) / (self.step * self.step)
+    }
+
+    /// Returns the weight `$\theta = (1 - e) / (1 + e)$` of `$U^n - U^{n-1}$` in `$U^{n+1,e}$`.
+    pub(crate) fn theta(self) -> f64 {
+        (1.0 - self.restitution) / (1.0 + self.restitution)
+    }
+
+    /// Returns the weight e / (1 + e) of the instant n - 1 in the bounds on `$U^{n+1,e}$`.
+    pub(crate) fn share_of_last(self) -> f64 {
+        self.restitution / (1.0 + self.restitution)
+    }
+
+    /// Returns the energy stored in bounds that yield at instant n, in J, given those stored in
+    /// `$U^{n,e}$` and `$U^{n+1,e}$`.
+    pub(crate) fn stored_now(self, [last, next]: [f64; 2]) -> f64 {
+        self.theta() * last + (1.0 - self.theta()) * next
+    }
+
+    /// Returns the instants (s) of the load of step n, with their weights. At the start the
+    /// extrapolated load leaves that of the instant alone.
+    pub(crate) fn times(self, n: u64) -> Vec<(f64, f64)> {
+        let at = |n: u64| n as f64 * self.step;
+        match n {
+            0 => vec![(0.0, 1.0)],
+            n => vec![(at(n - 1), self.beta), (at(n), 1.0 - 2.0 * self.beta), (at(n + 1), self.beta)],
+        }
+    }
+}
+
+/// Returns the values of each entry at the instants n - 1, n and n + 1.
+#[inline(always)]
+pub(crate) fn levels<T: Copy>([before, now, next]: [&[T]; 3]) -> impl Iterator<Item = [T; 3]> {
+    before.iter().zip(now.iter().zip(next)).map(|(before, (now, next))| [*before, *now, *next])
 }
 
 /// Newmark-e-beta scheme at instant n, with the step to `$U^{n+1}$` already solved.
@@ -82,8 +138,6 @@ pub struct Newmark<'s, E: Engine> {
 struct Levels<'s, E: Engine> {
     system: &'s System<E>,
     parameters: NewmarkParameters,
-    /// Weight `$\theta = (1 - e) / (1 + e)$` of `$U^n - U^{n-1}$` in `$U^{n+1,e}$`.
-    theta: f64,
     /// `$U^n$` and `$U^n - U^{n-1}$`, in m, one entry per dof.
     u_n: Vec<f64>,
     d_n: Vec<f64>,
@@ -103,8 +157,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// with damping).
     pub fn matrix(system: &'s System<E>, parameters: NewmarkParameters) -> LinearCombination<'s> {
         let (m, k, d) = system.matrices();
-        let NewmarkParameters { beta, step: dt, .. } = parameters;
-        m * (1.0 / (dt * dt)) + k * beta + d * (0.5 / dt)
+        let [of_mass, of_stiffness, of_damping] = parameters.matrix_weights();
+        m * of_mass + k * of_stiffness + d * of_damping
     }
 }
 
@@ -136,7 +190,7 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
 
     /// `$U^{n+1,e} = U^n + \frac{1}{1+e}\,x + \frac{1-e}{1+e}\,d$`
     fn bounded_configuration(&self) -> [f64; 2] {
-        [1.0 / (1.0 + self.parameters.restitution), self.theta]
+        [1.0 / (1.0 + self.parameters.restitution), self.parameters.theta()]
     }
 
     /// `$\tfrac12 (U^{n+1} - U^{n-1}) = \tfrac12 x + d$`
@@ -172,11 +226,6 @@ impl<E: Engine> Levels<'_, E> {
             self.stored = [self.stored[1], self.system.total(of_bounds + of_sliders)?];
         }
         Ok(())
-    }
-
-    /// Returns the energy stored in bounds that yield at instant n, in J.
-    fn stored_now(&self) -> f64 {
-        self.theta * self.stored[0] + (1.0 - self.theta) * self.stored[1]
     }
 
     /// Adds the work of the time-dependent data up to instant n, given the unknown of its step.

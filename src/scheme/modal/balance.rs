@@ -20,7 +20,7 @@ use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
-use crate::scheme::{Scheme, StepBalance};
+use crate::scheme::{NewmarkParameters, Scheme, StepBalance};
 
 impl<E: Engine> ModalScheme<'_, E> {
     /// Begins to keep the balance.
@@ -53,9 +53,10 @@ impl<E: Engine> ModalScheme<'_, E> {
     }
 
     /// Returns the balance of the equation of the Newmark step from the present instant.
-    pub(super) fn newmark_balance(&self, beta: f64) -> StepBalance {
+    pub(super) fn newmark_balance(&self, parameters: NewmarkParameters) -> StepBalance {
         let mut result = StepBalance::zero(self.system);
-        let Some(Implicit { next, reaction, .. }) = &self.implicit else { return result };
+        let Implicit { next, reaction, .. } = &self.implicit;
+        let beta = parameters.beta;
         let (before, now, dt) = (&self.before, &self.now, self.record.dt);
         let is_start = self.record.step == 0;
         let mut place = now.q.clone();
@@ -76,14 +77,10 @@ impl<E: Engine> ModalScheme<'_, E> {
         for (k, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
             axpy(*r, &self.model.flexibility[k], &mut result.displacement);
         }
-        let time = self.record.time();
-        result.loads = match is_start {
-            true => vec![(0.0, 1.0)],
-            false => vec![(time - dt, beta), (time, 1.0 - 2.0 * beta), (time + dt, beta)],
-        };
+        result.loads = parameters.times(self.record.step);
         result.places = mean.places;
         result.support_rates.clone_from(&now.frame_rates);
-        result.support_accelerations = self.support_accelerations();
+        result.support_accelerations = self.support_accelerations(parameters);
         result
     }
 

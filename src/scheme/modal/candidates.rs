@@ -4,7 +4,7 @@ use super::ModalScheme;
 use super::contact_model::extended;
 use super::data::ModalData;
 use super::reach::{Check, Finding};
-use super::state::kick;
+use super::state::{State, kick};
 use crate::error::Result;
 use crate::kernels::lanes::norm;
 use crate::linalg::Engine;
@@ -13,13 +13,24 @@ use std::rc::Rc;
 use std::time::Instant;
 
 impl<E: Engine> ModalScheme<'_, E> {
-    /// Evaluates the nodes of a tier and of all smaller ones at the present state.
-    pub(super) fn check_reach(&mut self, tier: usize) -> Finding {
-        let pull = self.now.pull(&self.modes.squares);
+    /// Evaluates the nodes of a tier and of all smaller ones, at the present state or another one.
+    pub(super) fn check_reach(&mut self, tier: usize, probe: Option<&State>) -> Finding {
+        let state = probe.unwrap_or(&self.now);
+        let pull = state.pull(&self.modes.squares);
         let mut acceleration = pull.clone();
-        kick(&self.rows, &self.now.reaction, 1.0, &mut acceleration);
+        kick(&self.rows, &state.reaction, 1.0, &mut acceleration);
         let acceleration = norm(&acceleration);
-        self.reach.check(tier, &Check { model: &self.model, state: &self.now, pull, acceleration })
+        self.reach.check(tier, &Check { model: &self.model, state, pull, acceleration })
+    }
+
+    /// Adds the nodes that come near at the present state. Returns whether there are any. Collective.
+    pub(super) fn admit_near(&mut self) -> Result<bool> {
+        let near = self.check_reach(0, None).near;
+        let has_some = !near.is_empty();
+        if has_some {
+            self.add_candidates(near)?;
+        }
+        Ok(has_some)
     }
 
     /// Adds candidates, ascending numbers of bounds. Collective.
@@ -45,27 +56,21 @@ impl<E: Engine> ModalScheme<'_, E> {
         for state in [&mut self.now, &mut self.before] {
             state.extend(&self.model, &self.rows, &old);
         }
-        self.extend_implicit(&selected, &old);
+        let is_newmark = self.newmark_parameters().is_some();
+        let ModalScheme { implicit, model, rows, before, now, .. } = self;
+        implicit.extend(model, rows, &old);
+        // The first levels are not there yet while the start looks for candidates.
+        if is_newmark && !implicit.next.q.is_empty() {
+            implicit.next.data = selected(&implicit.next.data);
+            implicit.next.extend(model, rows, &old);
+            for level in [before, now, &mut implicit.next] {
+                level.respond(model, rows);
+            }
+        }
         self.contact = extended(&self.contact, &self.model, &old);
         let known = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
         self.mean = candidates.iter().map(known).collect();
         self.shown.forget();
         Ok(())
-    }
-
-    /// Extends the implicit rule, with data as they are `selected` for the present candidates.
-    fn extend_implicit(&mut self, selected: &dyn Fn(&Rc<ModalData>) -> Rc<ModalData>, old: &[usize]) {
-        let is_newmark = self.newmark_parameters().is_some();
-        let ModalScheme { implicit, model, rows, before, now, .. } = self;
-        let Some(implicit) = implicit else { return };
-        implicit.extend(model, rows, old);
-        // The first levels are not there yet while the start looks for candidates.
-        if is_newmark && !implicit.next.q.is_empty() {
-            implicit.next.data = selected(&implicit.next.data);
-            implicit.next.extend(model, rows, old);
-            for level in [before, now, &mut implicit.next] {
-                level.respond(model, rows);
-            }
-        }
     }
 }

@@ -27,7 +27,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let coordinates = Coordinates::new(system, modes, all);
         now.archive(archive, &coordinates)?;
         before.archive(archive, &coordinates)?;
-        implicit.as_mut().map_or(Ok(()), |implicit| implicit.archive(archive, &coordinates))?;
+        implicit.archive(archive, &coordinates)?;
         mean_balance.as_mut().map_or(Ok(()), |balance| balance.archive(archive, &coordinates))?;
         let are_same = coordinates.are_same();
         self.reach.archive(archive)?;
@@ -69,17 +69,11 @@ impl<E: Engine> ModalScheme<'_, E> {
     fn complete(&mut self, is_listed: bool, are_same: bool) -> Result<()> {
         if !self.system.drive.varies() {
             self.before.data = self.now.data.clone();
-            self.implicit.iter_mut().for_each(|implicit| implicit.next.data = self.now.data.clone());
+            self.implicit.next.data = self.now.data.clone();
         }
         if !are_same {
             self.reach.renew_all();
-            loop {
-                let near = self.check_reach(0).near;
-                if near.is_empty() {
-                    break;
-                }
-                self.add_candidates(near)?;
-            }
+            while self.admit_near()? {}
         }
         // The start has listed candidates, and deflections are those of listed candidates.
         self.record.candidates = Some(Vec::new());
@@ -90,8 +84,8 @@ impl<E: Engine> ModalScheme<'_, E> {
         let record = self.record.clone();
         self.show();
         self.record = record;
-        if self.newmark_parameters().is_some() {
-            self.show_newmark();
+        if let Some(parameters) = self.newmark_parameters() {
+            self.show_newmark(parameters);
         }
         self.is_listed = is_listed;
         Ok(())

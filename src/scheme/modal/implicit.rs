@@ -21,19 +21,22 @@ use super::state::State;
 use crate::archive::Archive;
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::scheme::NewmarkParameters;
 use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver};
 use faer::Mat;
 
 /// Formulas of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum StepRule {
+    /// Exact motion between kicks of the reactions, which needs no matrix.
+    Splitting,
     /// Midpoint rule.
     Midpoint,
-    /// Newmark scheme with beta and the coefficient of restitution e.
-    Newmark { beta: f64, restitution: f64 },
+    /// Newmark scheme.
+    Newmark(NewmarkParameters),
 }
 
-/// Implicit rule with its matrices and the answer to the last step.
+/// Rule of the steps with its matrices, and the answer to the last implicit step.
 pub(super) struct Implicit {
     pub rule: StepRule,
     /// Inverse of the step matrix on the modes.
@@ -61,9 +64,9 @@ impl Implicit {
     /// Prepares steps of `dt` seconds, for modes of given squared frequencies ((rad/s)^2) and decay
     /// rates (1/s).
     pub fn new(rule: StepRule, dt: f64, squares: &[f64], decays: &[f64]) -> Implicit {
-        let (of_mass, of_stiffness, of_rate) = match rule {
-            StepRule::Midpoint => (4.0 / (dt * dt), 1.0, 2.0 / dt),
-            StepRule::Newmark { beta, .. } => (1.0 / (dt * dt), beta, 0.5 / dt),
+        let [of_mass, of_stiffness, of_rate] = match rule {
+            StepRule::Newmark(parameters) => parameters.matrix_weights(),
+            _ => [4.0 / (dt * dt), 1.0, 2.0 / dt],
         };
         let inverse = |(square, decay)| 1.0 / (of_mass + of_stiffness * square + of_rate * decay);
         Implicit {
@@ -84,6 +87,9 @@ impl Implicit {
     /// Computes the compliance of more candidates beside the `old` ones, given the mode shapes of
     /// all in columns.
     pub fn extend(&mut self, model: &ContactModel, rows: &Mat<f64>, old: &[usize]) {
+        if self.rule == StepRule::Splitting {
+            return;
+        }
         let scaled = Mat::from_fn(rows.nrows(), rows.ncols(), |k, i| self.inverse[k] * rows[(k, i)]);
         let sum = rows.transpose() * scaled + &model.compliance * faer::Scale(self.rest);
         self.compliance = Mat::from_fn(sum.nrows(), sum.ncols(), |i, j| 0.5 * (sum[(i, j)] + sum[(j, i)]));
@@ -121,21 +127,17 @@ impl Implicit {
         }
     }
 
-    /// Returns the energy stored in bounds that yield at the instant n of the Newmark scheme with
-    /// the coefficient of restitution e, in J, as [`crate::scheme::newmark`] has it.
-    pub fn stored_now(&self, e: f64) -> f64 {
-        let theta = (1.0 - e) / (1.0 + e);
-        theta * self.stored[0] + (1.0 - theta) * self.stored[1]
-    }
-
     /// Saves or restores what the next step depends on. Collective.
     pub fn archive<E: Engine>(&mut self, archive: &mut Archive, modal: &Coordinates<E>) -> Result<()> {
+        if self.rule == StepRule::Splitting {
+            return Ok(());
+        }
         archive.value(&mut self.reaction)?;
         archive.value(&mut self.work)?;
         if self.contact.yields() {
             archive.value(&mut self.stored)?;
         }
-        if let StepRule::Newmark { .. } = self.rule {
+        if let StepRule::Newmark(_) = self.rule {
             self.next.archive(archive, modal)?;
         }
         self.contact.archive(archive)

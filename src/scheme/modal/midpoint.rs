@@ -57,7 +57,6 @@ impl<E: Engine> ModalScheme<'_, E> {
     fn solve_midpoint(&mut self, next: Option<&Rc<ModalData>>) -> f64 {
         let dt = self.record.dt;
         let ModalScheme { before, now, modes, rows, model, implicit, mean, .. } = self;
-        let Some(implicit) = implicit else { return 0.0 };
         let middle = next.map(|next| ModalData::between(&before.data, next, 0.5));
         let middle = middle.as_ref().unwrap_or(&before.data);
         let mut pull = middle.force.clone();

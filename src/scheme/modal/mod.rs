@@ -81,7 +81,6 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::dot;
 use crate::linalg::{Engine, Form, MassModes};
-use crate::obstacle::Bounds;
 use crate::vi::ComplianceSolver;
 use all_bounds::AllBounds;
 use contact_model::ContactModel;
@@ -114,8 +113,7 @@ pub struct ModalScheme<'s, E: Engine> {
     /// Decay rates of the modes, in 1/s.
     decays: Vec<f64>,
     is_damped: bool,
-    /// Implicit rule in place of the exact motion.
-    implicit: Option<Implicit>,
+    implicit: Implicit,
     /// Exact motion over a part of a step, and over the last step of another length.
     rotation: Rotation,
     other: Rotation,
@@ -172,7 +170,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
     /// Returns [`Error::Usage`] for a mass that is not modal, or too many modes for the compliance
     /// of the contact, and the errors of the engine.
     pub fn conserving(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalScheme<'s, E>> {
-        ModalScheme::with_rule(system, dt, start, None)
+        ModalScheme::with_rule(system, dt, start, StepRule::Splitting)
     }
 
     /// Starts the midpoint rule with steps of `dt` seconds.
@@ -180,7 +178,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
     /// # Errors
     /// Returns the same errors as [`ModalScheme::conserving`].
     pub fn midpoint(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalScheme<'s, E>> {
-        ModalScheme::with_rule(system, dt, start, Some(StepRule::Midpoint))
+        ModalScheme::with_rule(system, dt, start, StepRule::Midpoint)
     }
 
     /// Starts the Newmark scheme.
@@ -193,22 +191,17 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         parameters: NewmarkParameters,
         start: Start,
     ) -> Result<ModalScheme<'s, E>> {
-        let NewmarkParameters { beta, restitution, step } = parameters;
+        let beta = parameters.beta;
         if beta <= 0.25 {
             return Err(Error::Usage(format!(
                 "time.beta = {beta} lets the massless rest oscillate more and more; expected more than 0.25"
             )));
         }
-        ModalScheme::with_rule(system, step, start, Some(StepRule::Newmark { beta, restitution }))
+        ModalScheme::with_rule(system, parameters.step, start, StepRule::Newmark(parameters))
     }
 
-    /// Starts the scheme with an implicit rule, or with the conserving one.
-    fn with_rule(
-        system: &'s System<E>,
-        dt: f64,
-        start: Start,
-        rule: Option<StepRule>,
-    ) -> Result<ModalScheme<'s, E>> {
+    /// Starts the scheme with a rule.
+    fn with_rule(system: &'s System<E>, dt: f64, start: Start, rule: StepRule) -> Result<ModalScheme<'s, E>> {
         let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
         };
@@ -227,7 +220,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let fastest = modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU);
         let part = dt / (dt * fastest / PART).ceil().max(1.0);
         let mut scheme = ModalScheme {
-            implicit: rule.map(|rule| Implicit::new(rule, dt, &modes.squares, &decays)),
+            implicit: Implicit::new(rule, dt, &modes.squares, &decays),
             is_damped: decays.iter().any(|decay| *decay > 0.0),
             rotation: Rotation::new(&modes.squares, &decays, part),
             other: Rotation::new(&modes.squares, &decays, part),
@@ -245,7 +238,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
             presses: false,
             mean: Vec::new(),
             shown: Shown::new(bounds.clone()),
-            free: approaches(bounds, &start),
+            free: Approach::at_start(bounds, &start.displacement, &start.velocity),
             relaxation: RelaxationStatistics::default(),
             compliance_seconds: 0.0,
             record: StepRecord { candidates: Some(Vec::new()), ..StepRecord::new(dt, bounds.len()) },
@@ -264,8 +257,8 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         };
         scheme.record.admissible = bounds.dofs.iter().map(|&dof| start.displacement[dof]).collect();
         scheme.begin()?;
-        if scheme.newmark_parameters().is_some() {
-            scheme.begin_newmark()?;
+        if let Some(parameters) = scheme.newmark_parameters() {
+            scheme.begin_newmark(parameters)?;
         }
         scheme.compliance_seconds = 0.0;
         Ok(scheme)
@@ -274,12 +267,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
     /// Finds candidates, reactions and energies of the initial state.
     fn begin(&mut self) -> Result<()> {
         // Reactions lift further nodes, or press them.
-        loop {
-            let near = self.check_reach(0).near;
-            if near.is_empty() {
-                break;
-            }
-            self.add_candidates(near)?;
+        while self.admit_near()? {
             self.settle();
         }
         let State { q, reaction, data, .. } = &self.now;
@@ -296,14 +284,4 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         }
         Ok(())
     }
-}
-
-/// Returns the initial states of all bounds.
-fn approaches(bounds: &Bounds, start: &Start) -> Vec<Approach> {
-    let at = |&dof: &usize| Approach {
-        time: 0.0,
-        deflection: start.displacement[dof],
-        velocity: start.velocity[dof],
-    };
-    bounds.dofs.iter().map(at).collect()
 }

@@ -106,10 +106,15 @@ impl<E: Engine> ModalScheme<'_, E> {
         self.shown.forget();
         if self.system.drive.moves_bounds() {
             let data = self.shown_data();
-            self.all.restrict(&data.all.lower, &mut self.shown.limits.lower);
-            self.all.restrict(&data.all.upper, &mut self.shown.limits.upper);
+            self.show_limits(&data.all);
         }
         self.end_record();
+    }
+
+    /// Shows the limits of this rank's bounds, given those of all.
+    pub(super) fn show_limits(&mut self, limits: &Limits) {
+        self.all.restrict(&limits.lower, &mut self.shown.limits.lower);
+        self.all.restrict(&limits.upper, &mut self.shown.limits.upper);
     }
 
     /// Interpolates q between the states around the grid instant, and computes the reactions.
@@ -139,10 +144,8 @@ impl<E: Engine> ModalScheme<'_, E> {
 
     /// Returns the energy stored in bounds that yield at or just after the instant, in J.
     fn stored_energy(&self) -> f64 {
-        match (&self.implicit, self.newmark_parameters()) {
-            (Some(implicit), Some([_, e])) => implicit.stored_now(e),
-            _ => self.model.laws.stored_under(&self.now.reaction),
-        }
+        let between = || self.model.laws.stored_under(&self.now.reaction);
+        self.newmark_parameters().map_or_else(between, |of| of.stored_now(self.implicit.stored))
     }
 
     /// Returns the displacement of the shown state, in m, one entry per dof.
@@ -206,16 +209,16 @@ impl<E: Engine> ModalScheme<'_, E> {
 impl<E: Engine> Scheme for ModalScheme<'_, E> {
     fn advance(&mut self) -> Result<()> {
         self.begin_record();
-        match self.implicit.as_ref().map(|implicit| implicit.rule) {
-            None => self.advance_exactly(),
-            Some(StepRule::Midpoint) => {
+        match self.implicit.rule {
+            StepRule::Splitting => self.advance_exactly(),
+            StepRule::Midpoint => {
                 self.begin_mean();
                 self.midpoint_step(self.record.time())?;
                 self.add_impulses(self.record.dt);
                 self.show();
                 Ok(())
             }
-            Some(StepRule::Newmark { .. }) => self.newmark_step(),
+            StepRule::Newmark(parameters) => self.newmark_step(parameters),
         }
     }
 
@@ -284,9 +287,9 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
     }
 
     fn invariant(&self) -> Result<f64> {
-        match &self.implicit {
-            Some(implicit) if self.newmark_parameters().is_some() => Ok(self.newmark_invariant(implicit)),
-            _ => Ok(self.energies()?.total()),
+        match self.newmark_parameters() {
+            Some(parameters) => Ok(self.newmark_invariant(parameters)),
+            None => Ok(self.energies()?.total()),
         }
     }
 
@@ -303,7 +306,7 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
     /// the instant.
     fn balance(&mut self) -> Result<StepBalance> {
         match self.newmark_parameters() {
-            Some([beta, _]) => Ok(self.newmark_balance(beta)),
+            Some(parameters) => Ok(self.newmark_balance(parameters)),
             None => self.mean_balance(),
         }
     }
@@ -317,8 +320,7 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
     }
 
     fn factorisations(&self) -> u64 {
-        let implicit = self.implicit.as_ref().map_or(0, |implicit| implicit.contact.factorisations);
-        self.contact.factorisations + implicit
+        self.contact.factorisations + self.implicit.contact.factorisations
     }
 
     fn take_compliance_seconds(&mut self) -> f64 {
@@ -326,6 +328,6 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
     }
 
     fn relaxation(&self) -> Option<RelaxationStatistics> {
-        self.implicit.is_none().then_some(self.relaxation)
+        (self.implicit.rule == StepRule::Splitting).then_some(self.relaxation)
     }
 }

@@ -33,8 +33,7 @@ impl<E: Engine> ModalScheme<'_, E> {
 
     /// Records iterations and residual of the contact problem of an implicit step.
     pub(super) fn note_implicit(&mut self) {
-        let solved = self.implicit.as_ref().and_then(|implicit| answer(&implicit.contact));
-        self.note_answer(solved);
+        self.note_answer(answer(&self.implicit.contact));
     }
 
     /// Returns whether no candidate can touch within `seconds` from the present state.
@@ -197,7 +196,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// obstacle, so that the step must be repeated.
     pub(super) fn comes_late(&mut self, touches: bool) -> Result<bool> {
         let Some(tier) = self.reach.advance(&self.now, self.span, !touches) else { return Ok(false) };
-        let Finding { near, is_late } = self.check_reach(tier);
+        let Finding { near, is_late } = self.check_reach(tier, None);
         if !near.is_empty() {
             self.add_candidates(near)?;
         }
@@ -210,12 +209,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// Adds an accepted step to the work and the statistics.
     fn note_step(&mut self, gamma: f64, [received, dissipated]: [f64; 2], obstacles: f64) {
         self.balance.work += gamma * (received + obstacles);
-        let relaxation = &mut self.relaxation;
-        relaxation.dissipated += gamma * dissipated;
-        relaxation.states += 1;
-        relaxation.relaxed_steps += u64::from(gamma != 1.0);
-        relaxation.least_gamma = relaxation.least_gamma.min(gamma);
-        relaxation.largest_gamma = relaxation.largest_gamma.max(gamma);
+        self.relaxation.note(gamma, gamma * dissipated, true);
     }
 
     /// Keeps the last state before contact of nodes that begin to touch.

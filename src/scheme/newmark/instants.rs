@@ -32,7 +32,7 @@
 //! acceleration weighted with a hat function of width 2 dt, which includes jumps of the velocity.
 //! The ghost value at the start is `$s^{-1} = s^1 - 2 \Delta t\, s'(0)$`, analogous to `$U^{-1}$`.
 
-use super::NewmarkParameters;
+use super::{NewmarkParameters, levels};
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::linalg::Engine;
@@ -130,38 +130,23 @@ impl CentralInstants {
     /// Returns the beta-averaged load, in N, one entry per dof; empty where no load depends on
     /// time.
     fn load(&self) -> impl Iterator<Item = f64> {
-        let beta = self.parameters.beta;
-        let [prev, now, next] =
-            [&self.prev, &self.now, &self.next].map(|instant| instant.load.as_deref().unwrap_or(&[]));
-        let instants = now.iter().zip(prev.iter().zip(next));
-        instants.map(move |(now, (prev, next))| now + beta * (next - 2.0 * now + prev))
+        let loads = [&self.prev, &self.now, &self.next].map(|instant| instant.load.as_deref().unwrap_or(&[]));
+        levels(loads).map(|values| self.parameters.average(values))
     }
 
-    /// Returns the instants (s) of the load of step n, with their weights. At the start the
-    /// extrapolated load leaves that of the instant alone.
-    pub fn times(&self, n: u64) -> Vec<(f64, f64)> {
-        let NewmarkParameters { beta, step, .. } = self.parameters;
-        let at = |n: u64| n as f64 * step;
-        match n {
-            0 => vec![(0.0, 1.0)],
-            n => vec![(at(n - 1), beta), (at(n), 1.0 - 2.0 * beta), (at(n + 1), beta)],
-        }
+    /// Returns the support places at the three instants, in m, one entry per motion.
+    fn places(&self) -> impl Iterator<Item = [f64; 3]> {
+        levels([&self.prev, &self.now, &self.next].map(|instant| &*instant.places))
     }
 
     /// Returns the beta-averages of the support places, in m, one entry per motion.
     pub fn mean_places(&self) -> Vec<f64> {
-        let beta = self.parameters.beta;
-        let [prev, now, next] = [&self.prev, &self.now, &self.next].map(|instant| &instant.places);
-        let instants = now.iter().zip(prev.iter().zip(next));
-        instants.map(|(now, (prev, next))| now + beta * (next - 2.0 * now + prev)).collect()
+        self.places().map(|places| self.parameters.average(places)).collect()
     }
 
     /// Returns second differences of the support places over dt^2, in m/s^2, one entry per motion.
     pub fn accelerations(&self) -> Vec<f64> {
-        let dt = self.parameters.step;
-        let [prev, now, next] = [&self.prev, &self.now, &self.next].map(|instant| &instant.places);
-        let instants = now.iter().zip(prev.iter().zip(next));
-        instants.map(|(now, (prev, next))| ((next - now) - (now - prev)) / (dt * dt)).collect()
+        self.places().map(|places| self.parameters.acceleration(places)).collect()
     }
 
     /// Returns central differences of the support places, in m/s, one entry per motion.

@@ -47,7 +47,6 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut levels = Levels {
             system,
             parameters,
-            theta: (1.0 - parameters.restitution) / (1.0 + parameters.restitution),
             u_n: start.displacement,
             d_n: vec![0.0; dofs],
             force: StiffnessForce::new(dofs),
@@ -110,7 +109,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
             engine.multiply(stiffness, &next, &mut product)? + 2.0 * force.elastic_energy(system, u_n)?;
         let work = system.work(u_n)? + system.work(&next)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment);
-        let stored = 0.5 * (self.levels.stored_now() + self.levels.stored[1]);
+        let stored = 0.5 * (parameters.stored_now(self.levels.stored) + self.levels.stored[1]);
         Ok(0.5 * kinetic + 0.25 * elastic + stored - 0.5 * work - by_time)
     }
 }
@@ -155,14 +154,14 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity.
     fn energies(&self) -> Result<Energies> {
-        let Levels { system, u_n, force, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, force, stored, instants, .. } = &self.levels;
         let elastic = force.elastic_energy(system, u_n)?;
         let [rate, v] = &mut *self.work.borrow_mut();
         rate.iter_mut().zip(self.central_velocity()).for_each(|(rate, now)| *rate = now);
         let kinetic = system.kinetic_energy(rate, v)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work);
         let work = system.work(u_n)? + by_time;
-        Ok(Energies { kinetic, elastic: elastic + self.levels.stored_now(), work })
+        Ok(Energies { kinetic, elastic: elastic + parameters.stored_now(*stored), work })
     }
 
     fn invariant(&self) -> Result<f64> {
@@ -197,7 +196,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
             balance.add_modal_damping(system, modal, damped)?;
         }
         if let Some(instants) = instants {
-            balance.loads = instants.times(self.record.step);
+            balance.loads = parameters.times(self.record.step);
             balance.places = instants.mean_places();
             balance.support_rates = instants.support_rates();
             balance.support_accelerations = instants.accelerations();
