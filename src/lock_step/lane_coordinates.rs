@@ -24,45 +24,23 @@ pub(super) struct LaneCoordinates<'l> {
     pub z_next: &'l mut [Lanes],
 }
 
-impl<'l> LaneCoordinates<'l> {
-    /// Returns the first coordinates, of a number, and the others.
+impl LaneCoordinates<'_> {
+    /// Moves on to the level n + 1 under the forces that the increments from n hold. Returns the
+    /// sum of all unknowns of the step.
     #[inline(always)]
-    pub fn split_at(self, count: usize) -> [LaneCoordinates<'l>; 2] {
-        let (z, other_z) = self.z.split_at(count);
-        let (d, other_d) = self.d.split_at(count);
-        let (d_next, other_d_next) = self.d_next.split_at_mut(count);
-        let (z_next, other_z_next) = self.z_next.split_at_mut(count);
-        let others = LaneCoordinates { z: other_z, d: other_d, d_next: other_d_next, z_next: other_z_next };
-        [LaneCoordinates { z, d, d_next, z_next }, others]
-    }
-
-    /// Moves on to the level n + 1 under a force times a factor, and under the forces that the
-    /// increments from n hold if `ADDS`.
-    ///
-    /// Returns the sum of all unknowns of the step, and the work of the force at the factor 1 from
-    /// n - 1 to n + 1.
-    #[inline(always)]
-    pub fn advance<const ADDS: bool>(
-        self,
-        equations: &[Coordinate],
-        force: impl Fn(usize) -> Lanes,
-        factor: Lanes,
-    ) -> [Lanes; 2] {
+    pub fn advance(self, equations: &[Coordinate]) -> Lanes {
         let count = equations.len();
         let (z, d) = (&self.z[..count], &self.d[..count]);
         let (d_next, z_next) = (&mut self.d_next[..count], &mut self.z_next[..count]);
-        let (mut sum, mut work) = (ZERO, ZERO);
+        let mut sum = ZERO;
         for (j, of) in equations.iter().enumerate() {
-            let force = force(j);
-            let pushed = if ADDS { d_next[j] + force * factor } else { force * factor };
-            let x = of.inverse * ((pushed - of.decay * d[j]) - of.stiffness * z[j]);
+            let x = of.inverse * ((d_next[j] - of.decay * d[j]) - of.stiffness * z[j]);
             let increment = d[j] + x;
             d_next[j] = increment;
             z_next[j] = z[j] + increment;
             sum += x;
-            work += force * (d[j] + increment);
         }
-        [sum, work]
+        sum
     }
 
     /// Adds a part of what reactions do to the unknowns of modes, with the deflections per unit of
@@ -103,11 +81,12 @@ impl<'l> LaneCoordinates<'l> {
         }
     }
 
-    /// Adds a part of what each reaction does to the unknown of a coordinate of its own, the first
-    /// ones of these.
+    /// Adds a part of what each reaction does to the unknown of a coordinate of its own, from the
+    /// `first` one on.
     #[inline(always)]
-    pub fn push_each(&mut self, equations: &[Coordinate], part: f64, reactions: &[Lanes]) {
-        for (j, (of, r)) in equations.iter().zip(reactions).enumerate() {
+    pub fn push_each(&mut self, first: usize, equations: &[Coordinate], part: f64, reactions: &[Lanes]) {
+        for (i, (of, r)) in equations.iter().zip(reactions).enumerate() {
+            let j = first + i;
             self.d_next[j] += (part * of.inverse) * *r;
             self.z_next[j] = self.z[j] + self.d_next[j];
         }

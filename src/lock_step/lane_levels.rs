@@ -6,6 +6,7 @@ use super::lane_sums::{all_along, work_along};
 use crate::kernels::wide::widest;
 use crate::kernels::{LaneMask, Lanes};
 use crate::scheme::NewmarkParameters;
+use crate::scheme::newmark::levels;
 use crate::vi::{BoundStatus, ComplianceProblem, ComplianceSolver, StepReport};
 use faer::Mat;
 use pulp::Arch;
@@ -82,10 +83,6 @@ pub(super) struct LaneLevels {
     /// Work of the loads in time up to the instant n, and its increment there, in J.
     pub work: Lanes,
     increment: Lanes,
-    /// Work of each load at the factor 1 from the instant n - 1 to n + 1, in J, and the part of it
-    /// that a unit reaction at each bounded dof brings about.
-    moved: Vec<Lanes>,
-    reach: Vec<Vec<Lanes>>,
     /// Systems with reactions at the instant n, and at n - 1.
     pub presses: [LaneMask; 2],
     /// Relative KKT residuals of the step, and numbers of exchanges of contact dofs.
@@ -94,18 +91,7 @@ pub(super) struct LaneLevels {
     /// Bound that each bounded dof touched last, as in [`LaneContacts::solve`].
     sides: Vec<Lanes>,
     solvers: Vec<ComplianceSolver>,
-    gathered: Gathered,
     arch: Arch,
-}
-
-/// Contact problem of one lane, gathered.
-#[derive(Default)]
-struct Gathered {
-    free: Vec<f64>,
-    lower: Vec<f64>,
-    upper: Vec<f64>,
-    x: Vec<f64>,
-    reaction: Vec<f64>,
 }
 
 /// Initial velocities of the modes, and those of the bounded dofs (m/s).
@@ -134,8 +120,6 @@ impl LaneLevels {
             z_next: z.clone(),
             d: vec![ZERO; size],
             d_next: vec![ZERO; size],
-            moved: vec![ZERO; now.len()],
-            reach: (0..now.len()).map(|load| reach(&equations, &data.forces[load])).collect(),
             mean: now.clone(),
             factors: [before.collect(), now, next],
             u_before: none.clone(),
@@ -152,7 +136,6 @@ impl LaneLevels {
             exchanges: ZERO,
             sides: vec![ZERO; bounds],
             solvers: vec![ComplianceSolver::new(bounds); systems],
-            gathered: Gathered::default(),
             arch: Arch::new(),
             z,
             equations,
@@ -188,7 +171,7 @@ impl LaneLevels {
         let Equations { parameters, massless, modes, coordinates, rows, .. } = &*equations;
         let dt = parameters.step;
         let at_loads = equations.first_load();
-        average(factors, parameters.beta, mean);
+        average(factors, *parameters, mean);
         let force_on = |j: usize| match massless {
             _ if j < *modes => {
                 data.pushing.iter().fold(ZERO, |sum, &load| sum + data.forces[load][j] * mean[load])
@@ -224,15 +207,12 @@ impl LaneLevels {
 
     /// Sets the increments from the ghost before the start.
     fn look_back(&mut self, launch: &Launch) {
-        let LaneLevels { equations, data, d, d_next, moved, .. } = self;
+        let LaneLevels { equations, d, d_next, .. } = self;
         let Equations { parameters, massless, .. } = &*equations;
         for (j, (d, next)) in d.iter_mut().zip(&*d_next).enumerate() {
             let follows = *massless == MasslessPart::Follows && j >= equations.first_load();
             let back = (2.0 * parameters.step) * launch.of_mode(j) - *next;
             *d = if follows { *next } else { back };
-        }
-        for (moved, force) in moved.iter_mut().zip(&data.forces) {
-            *moved = work_along(force, d, d_next);
         }
     }
 
@@ -242,38 +222,24 @@ impl LaneLevels {
         let Equations { parameters, massless, modes, coordinates, rows, .. } = &*equations;
         let [before, now, next] = &*factors;
         let at_loads = equations.first_load();
-        let (u_next, moved, kkt) = (&mut self.u_next, &mut self.moved, &mut self.kkt);
+        let (u_next, kkt) = (&mut self.u_next, &mut self.kkt);
         self.exchanges = ZERO;
-        // Without any load, the constant one is zero.
-        let (last, others) = data.pushing.split_last().unwrap_or((&0, &[]));
         widest(
             self.arch,
             #[inline(always)]
             || {
-                average(factors, parameters.beta, mean);
-                let force = &data.forces[*last];
-                let (of_modes, of_others) = force.split_at(*modes);
-                for &load in others {
+                average(factors, *parameters, mean);
+                d_next.fill(ZERO);
+                for &load in &data.pushing {
                     for (sum, force) in d_next[..*modes].iter_mut().zip(&data.forces[load]) {
-                        let earlier = if load == others[0] { ZERO } else { *sum };
-                        *sum = earlier + *force * mean[load];
+                        *sum += *force * mean[load];
                     }
                 }
-                d_next[*modes..].fill(ZERO);
                 if *massless == MasslessPart::Swings {
                     d_next[at_loads..at_loads + mean.len()].copy_from_slice(mean);
                 }
-                let levels = LaneCoordinates { z, d, d_next, z_next };
-                let [inertial, massless_part] = levels.split_at(*modes);
-                let (modal, of_rest) = coordinates.split_at(*modes);
-                let [sum, work] = if others.is_empty() {
-                    inertial.advance::<false>(modal, |j| of_modes[j], mean[*last])
-                } else {
-                    inertial.advance::<true>(modal, |j| of_modes[j], mean[*last])
-                };
-                let [other_sum, _] = massless_part.advance::<true>(of_rest, |_| ZERO, ZERO);
                 // A value that is not finite spoils the sum.
-                *kkt = 0.0 * (sum + other_sum);
+                *kkt = 0.0 * LaneCoordinates { z, d, d_next, z_next }.advance(coordinates);
                 if *massless == MasslessPart::Follows {
                     for (l, (before, (now, next))) in before.iter().zip(now.iter().zip(next)).enumerate() {
                         let of_load = at_loads + l;
@@ -282,10 +248,6 @@ impl LaneLevels {
                     }
                 }
                 all_along(rows, &data.rows, z_next, u_next);
-                moved[*last] = work + work_along(of_others, &d[*modes..], &d_next[*modes..]);
-                for &load in others {
-                    moved[load] = work_along(&data.forces[load], d, d_next);
-                }
             },
         );
     }
@@ -385,41 +347,23 @@ impl LaneLevels {
     /// Solves for the reactions on one system, whose bounded configuration moves by a share of the
     /// unknown.
     fn solve_contact(&mut self, lane: usize, share: f64) {
-        let LaneLevels {
-            equations,
-            data,
-            u,
-            response,
-            admissible,
-            reaction,
-            kkt,
-            exchanges,
-            sides,
-            gathered,
-            ..
-        } = self;
-        let Gathered { free, lower, upper, x, reaction: r } = gathered;
+        let LaneLevels { equations, data, u, response, admissible, reaction, kkt, exchanges, .. } = self;
         let bounds = 0..response.len();
-        for of in [&mut *free, &mut *lower, &mut *upper, &mut *x, &mut *r] {
-            of.clear();
-        }
-        for i in bounds.clone() {
-            let place = admissible[i].0[lane];
-            free.push(0.0);
-            lower.push((data.lower[i].0[lane] - place) / share);
-            upper.push((data.upper[i].0[lane] - place) / share);
-        }
-        x.resize(free.len(), 0.0);
-        r.resize(free.len(), 0.0);
+        let beyond = |limits: &[Lanes]| -> Vec<f64> {
+            bounds.clone().map(|i| (limits[i].0[lane] - admissible[i].0[lane]) / share).collect()
+        };
+        let (lower, upper) = (&beyond(&data.lower), &beyond(&data.upper));
+        let free = &vec![0.0; bounds.len()];
+        let (mut x, mut r) = (free.clone(), free.clone());
         let compliance = &equations.compliance;
         let solver = &mut self.solvers[lane];
-        solver.solve(ComplianceProblem { compliance, free, lower, upper, laws: None }, x, r);
+        solver.solve(ComplianceProblem { compliance, free, lower, upper, laws: None }, &mut x, &mut r);
         let largest = bounds.clone().map(|i| u[i].0[lane].abs()).fold(data.magnitude.0[lane], f64::max);
         if !solver.active().is_empty() {
             kkt.0[lane] += if solver.residual == 0.0 { 0.0 } else { solver.residual / largest };
             exchanges.0[lane] = f64::from(solver.iterations);
         }
-        for (own, side) in sides.iter_mut().zip(&solver.sides) {
+        for (own, side) in self.sides.iter_mut().zip(&solver.sides) {
             own.0[lane] = match side {
                 BoundStatus::Lower => -1.0,
                 BoundStatus::Free => 0.0,
@@ -440,25 +384,18 @@ impl LaneLevels {
     /// Adds the effect of the reactions on the level n + 1, where a `part` of the unknown is the
     /// increment.
     fn react(&mut self, part: f64) {
-        let LaneLevels { equations, data, z, z_next, d, d_next, u_next, .. } = self;
+        let LaneLevels { equations, z, z_next, d, d_next, u_next, reaction, response, .. } = self;
         let Equations { modes, coordinates, rows, .. } = &*equations;
-        let (reaction, response, moved, reach) =
-            (&self.reaction, &self.response, &mut self.moved, &self.reach);
         widest(
             self.arch,
             #[inline(always)]
             || {
-                let levels = LaneCoordinates { z, d, d_next, z_next };
-                let [mut inertial, mut massless_part] = levels.split_at(*modes);
-                inertial.push_all(&coordinates[..*modes], part, rows, reaction);
-                massless_part.push_each(&coordinates[*modes..], part, reaction);
-                for (u, response) in u_next.iter_mut().zip(response) {
+                let (inertial, massless_part) = coordinates.split_at(*modes);
+                let mut levels = LaneCoordinates { z, d, d_next, z_next };
+                levels.push_all(inertial, part, rows, reaction);
+                levels.push_each(*modes, massless_part, part, reaction);
+                for (u, response) in u_next.iter_mut().zip(&*response) {
                     *u += part * *response;
-                }
-                for &load in &data.pushing {
-                    for (reach, r) in reach[load].iter().zip(reaction) {
-                        moved[load] += *reach * *r;
-                    }
                 }
             },
         );
@@ -471,7 +408,8 @@ impl LaneLevels {
 
     /// Adds the work of the loads in time up to the instant n.
     fn account(&mut self, is_start: bool) {
-        let LaneLevels { equations, data, moved, factors, mean, reaction, work, increment, arch, .. } = self;
+        let LaneLevels { equations, data, d, d_next, factors, mean, reaction, work, increment, arch, .. } =
+            self;
         let touches = self.presses[0].any();
         widest(
             *arch,
@@ -479,7 +417,7 @@ impl LaneLevels {
             || {
                 let mut sum = ZERO;
                 for &load in data.pushing.iter().filter(|load| **load > 0) {
-                    sum += 0.5 * (mean[load] * moved[load]);
+                    sum += 0.5 * (mean[load] * work_along(&data.forces[load], d, d_next));
                 }
                 if equations.massless == MasslessPart::Follows && touches {
                     // Reactions work on the response of the massless part to the loads.
@@ -515,24 +453,9 @@ impl Equations {
 
 /// Sets the beta-averages of the factors at three instants.
 #[inline(always)]
-fn average([before, now, next]: &[Vec<Lanes>; 3], beta: f64, mean: &mut [Lanes]) {
-    let of_time = before.iter().zip(now).zip(next);
-    for (mean, ((before, now), next)) in mean.iter_mut().zip(of_time) {
-        *mean = *now + beta * ((*next - 2.0 * *now) + *before);
-    }
-}
-
-/// Returns the work of a load at the factor 1 on the increment by a unit reaction at each bounded
-/// dof, in J.
-fn reach(equations: &Equations, force: &[Lanes]) -> Vec<Lanes> {
-    let Equations { modes, coordinates, rows, .. } = equations;
-    let of_bound = |(bound, row): (usize, &Vec<f64>)| {
-        let inertial = coordinates.iter().zip(row).zip(force).take(*modes);
-        let inertial = inertial.fold(ZERO, |sum, ((of, row), force)| sum + (of.inverse * row) * *force);
-        let massless = force.get(modes + bound).map(|force| coordinates[modes + bound].inverse * *force);
-        inertial + massless.unwrap_or(ZERO)
-    };
-    rows.iter().enumerate().map(of_bound).collect()
+fn average(factors: &[Vec<Lanes>; 3], parameters: NewmarkParameters, mean: &mut [Lanes]) {
+    let instants = levels(factors.each_ref().map(|factors| &**factors));
+    mean.iter_mut().zip(instants).for_each(|(mean, factors)| *mean = parameters.average(factors));
 }
 
 /// Returns a value for each system.
