@@ -11,8 +11,7 @@ use crate::scheme::{Approach, Scheme, StepBalance, StepRecord, System};
 use std::cell::{OnceCell, RefCell};
 use std::rc::Rc;
 
-/// Newmark run of one of several equal systems in lock step. The first of the runs that advances
-/// solves the step for all. None may be two steps ahead of another.
+/// Newmark run of one of several equal systems in lock step.
 pub struct ModeLane<'s> {
     runs: Rc<RefCell<LaneRuns<'s>>>,
     lane: usize,
@@ -84,15 +83,10 @@ impl ModeLane<'_> {
 }
 
 impl Scheme for ModeLane<'_> {
+    /// Advances all runs.
     fn advance(&mut self) -> Result<()> {
-        let runs = self.runs.clone();
-        let mut all = runs.borrow_mut();
-        match all.step.checked_sub(self.record.step) {
-            Some(0) => all.advance()?,
-            Some(1) => {}
-            _ => return Err(Error::Usage("runs in lock step advance in turn".into())),
-        }
-        self.refresh(&all);
+        self.runs.borrow_mut().advance()?;
+        self.catch_up();
         Ok(())
     }
 

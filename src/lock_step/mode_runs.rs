@@ -60,12 +60,6 @@ impl<'s> ModeRuns<'s> {
         own
     }
 
-    /// Returns the runs, which from now on advance in turn, each by one step.
-    pub fn into_lanes(mut self) -> Vec<ModeLane<'s>> {
-        self.lanes.iter_mut().for_each(ModeLane::catch_up);
-        self.lanes
-    }
-
     /// Returns the largest relative KKT residual of the last step, NaN where any is.
     pub fn kkt(&self) -> f64 {
         let runs = self.runs.borrow();

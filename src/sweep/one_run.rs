@@ -8,7 +8,7 @@ use super::prepared_run::{ASK_EVERY, Finished, Leader, PreparedRun};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::kernels::Lanes;
-use crate::linalg::{Engine, Native};
+use crate::linalg::Engine;
 use crate::scene::Scene;
 use crate::scheme::{Scheme, Start};
 use crate::simulation::{Model, SolverFactory, StepMonitor};
@@ -24,9 +24,13 @@ impl<E: Engine> PreparedRun<E> {
             let Scene { time, .. } = &self.scene;
             time.scheme.start(&self.model.system, time.step, self.start.clone(), solver)
         };
-        let mut run = [PeriodicRun::new(self, again()?, Some(&again))?];
-        make(&mut run, interrupts)?;
-        let [run] = run;
+        let mut run = PeriodicRun::new(self, again()?, &again)?;
+        for step in 0..self.steps() {
+            if step.is_multiple_of(ASK_EVERY) && interrupts() {
+                return Err(Error::Interrupted { step, time: run.scheme.time() });
+            }
+            run.advance()?;
+        }
         run.finish()
     }
 }
@@ -48,31 +52,7 @@ pub(super) fn run_together(
     let systems: Vec<_> = models.iter().map(|model| &model.system).collect();
     let starts: Vec<Start> = runs.iter().map(|run| run.start.clone()).collect();
     let motions = shared.start(&systems, parameters, &starts)?;
-    let probes = &runs[0].model.probes;
-    if models.iter().all(|model| model.probes_deflections_only() && model.probes == *probes) {
-        return PeriodicModeRuns::new(runs, motions)?.run(interrupts);
-    }
-    // Schemes that advance in turn.
-    let lanes = motions.into_lanes().into_iter().zip(runs);
-    let made = lanes.map(|(lane, run)| PeriodicRun::new(run, Box::new(lane), None));
-    let mut made: Vec<PeriodicRun<Native>> = made.collect::<Result<_>>()?;
-    make(&mut made, interrupts)?;
-    made.into_iter().map(PeriodicRun::finish).collect()
-}
-
-/// Advances runs with equally many steps in turn, to their end.
-fn make<E: Engine>(runs: &mut [PeriodicRun<E>], interrupts: &dyn Fn() -> bool) -> Result<()> {
-    let steps = runs.iter().map(|run| run.of.steps()).max().unwrap_or(0);
-    for step in 0..steps {
-        if step.is_multiple_of(ASK_EVERY) && interrupts() {
-            let time = runs.first().map_or(0.0, |run| run.scheme.time());
-            return Err(Error::Interrupted { step, time });
-        }
-        for run in &mut *runs {
-            run.advance()?;
-        }
-    }
-    Ok(())
+    PeriodicModeRuns::new(runs, motions)?.run(interrupts)
 }
 
 /// Start of a run once more, beside itself.
@@ -88,7 +68,7 @@ struct PeriodicRun<'m, E: Engine> {
     /// Values at the probes, and the same in the first lane.
     values: Vec<f64>,
     lanes: Vec<Lanes>,
-    again: Option<&'m StartAgain<'m>>,
+    again: &'m StartAgain<'m>,
     /// Second motion for the Lyapunov exponent.
     beside: Option<(Box<dyn Scheme + 'm>, Exponent)>,
 }
@@ -99,7 +79,7 @@ impl<'m, E: Engine> PeriodicRun<'m, E> {
     fn new(
         prepared: &'m PreparedRun<E>,
         scheme: Box<dyn Scheme + 'm>,
-        again: Option<&'m StartAgain<'m>>,
+        again: &'m StartAgain<'m>,
     ) -> Result<PeriodicRun<'m, E>> {
         let mut run = PeriodicRun {
             monitor: prepared.monitor(scheme.as_ref())?,
@@ -119,7 +99,7 @@ impl<'m, E: Engine> PeriodicRun<'m, E> {
     fn advance(&mut self) -> Result<()> {
         let PreparedRun { sweep, model, .. } = self.of;
         let PeriodicRun { scheme, again, .. } = self;
-        if let Some(again) = again.filter(|_| sweep.lyapunov && self.recorder.begins_after(scheme.step())) {
+        if sweep.lyapunov && self.recorder.begins_after(scheme.step()) {
             let mut second = again()?;
             let mut runs = TwoRuns { system: &model.system, first: scheme.as_mut(), second: second.as_mut() };
             runs.part()?;

@@ -17,6 +17,8 @@ pub(super) struct PeriodicModeRuns<'m> {
     monitors: Vec<StepMonitor<'m, Native>>,
     recorder: PeriodRecorder,
     values: Vec<Lanes>,
+    /// Whether probes of each run are read by themselves, since some read more than deflections.
+    reads_each: bool,
 }
 
 impl<'m> PeriodicModeRuns<'m> {
@@ -26,7 +28,10 @@ impl<'m> PeriodicModeRuns<'m> {
         let monitors = lanes.map(|(lane, run)| run.monitor(motion.lane(lane))).collect::<Result<_>>()?;
         Ok(PeriodicModeRuns {
             recorder: runs[0].recorder(),
-            values: vec![Lanes::default(); runs[0].model.probes.len()],
+            values: vec![Lanes::default(); runs[0].scene.output.probes.len()],
+            reads_each: runs
+                .iter()
+                .any(|run| !run.model.probes_deflections_only() || run.model.probes != runs[0].model.probes),
             runs: runs.to_vec(),
             motion,
             monitors,
@@ -54,10 +59,16 @@ impl<'m> PeriodicModeRuns<'m> {
 
     /// Checks and records the step just made; the start is step 0.
     fn note(&mut self) -> Result<()> {
-        let PeriodicModeRuns { runs, motion, monitors, recorder, values } = self;
+        let PeriodicModeRuns { runs, motion, monitors, recorder, values, reads_each } = self;
         let step = motion.step();
         let kkt = motion.kkt();
-        if monitors.iter().any(|monitor| monitor.is_due(step, kkt)) {
+        if *reads_each {
+            let mut read = vec![0.0; values.len()];
+            for (lane, monitor) in monitors.iter_mut().enumerate() {
+                monitor.note(motion.lane(lane), &mut read)?;
+                values.iter_mut().zip(&read).for_each(|(values, value)| values.0[lane] = *value);
+            }
+        } else if monitors.iter().any(|monitor| monitor.is_due(step, kkt)) {
             for ((lane, monitor), energies) in monitors.iter_mut().enumerate().zip(motion.energies()) {
                 monitor.check(motion.lane(lane), || Ok(energies))?;
             }
@@ -77,7 +88,8 @@ impl<'m> PeriodicModeRuns<'m> {
                 recorder.begin(lane, motion.lane(lane).energies()?);
             }
         }
-        for (value, probe) in values.iter_mut().zip(&runs[0].model.probes) {
+        let deflections = if *reads_each { &[] } else { &*runs[0].model.probes };
+        for (value, probe) in values.iter_mut().zip(deflections) {
             let parts = probe.weights().iter().map(|&(dof, weight)| weight * motion.deflections(dof));
             *value = parts.fold(Lanes::default(), |sum, part| sum + part);
         }
