@@ -195,8 +195,8 @@ impl Default for RelaxationStatistics {
 }
 
 impl RelaxationStatistics {
-    /// Counts a step with the energy (J) dissipated in it; only a step that may be relaxed counts as
-    /// such.
+    /// Counts a step with the energy (J) dissipated in it. Only a step that may be relaxed counts
+    /// as such.
     pub(super) fn note(&mut self, gamma: f64, dissipated: f64, may_be_relaxed: bool) {
         self.dissipated += dissipated;
         self.states += 1;

@@ -23,7 +23,8 @@ impl<E: Engine> ModalScheme<'_, E> {
         self.reach.check(tier, &Check { model: &self.model, state, pull, acceleration })
     }
 
-    /// Adds the nodes that come near at the present state. Returns whether there are any. Collective.
+    /// Adds the nodes that come near at the present state. Returns whether there are any.
+    /// Collective.
     pub(super) fn admit_near(&mut self) -> Result<bool> {
         let near = self.check_reach(0, None).near;
         let has_some = !near.is_empty();
