@@ -2,8 +2,8 @@
 
 use super::lane_contacts::ZERO;
 use super::lane_levels::{Equations, LaneLevels, MasslessPart};
-use super::lane_runs::LaneRuns;
 use super::lane_sums::along;
+use super::mode_runs::ModeRuns;
 use crate::energy::Energies;
 use crate::kernels::Lanes;
 
@@ -14,8 +14,9 @@ struct LaneEnergies {
     work: Lanes,
 }
 
-impl LaneRuns<'_> {
-    /// Returns the energies of each run at the present instant.
+impl ModeRuns<'_> {
+    /// Returns the energies of each run at the last step, from its coordinates. Those of a
+    /// [`ModeLane`](super::ModeLane) come from the matrices instead, at a much higher cost.
     pub fn energies(&self) -> Vec<Energies> {
         let LaneEnergies { kinetic, elastic, work } = self.levels.energies();
         let own = |(lane, start): (usize, &f64)| Energies {

@@ -31,7 +31,6 @@ mod lane_contacts;
 mod lane_coordinates;
 mod lane_energies;
 mod lane_levels;
-mod lane_runs;
 mod lane_start;
 mod lane_sums;
 mod load_laws;

@@ -1,79 +1,60 @@
 //! One of several runs in lock step, as a [`Scheme`].
 
 use super::lane_levels::{LaneLevels, MasslessPart};
-use super::lane_runs::LaneRuns;
+use super::mode_runs::ModeRuns;
 use crate::archive::Archive;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
+use crate::kernels::Lanes;
 use crate::linalg::{Engine, Native};
 use crate::obstacle::Bounds;
 use crate::scheme::{Approach, Scheme, StepBalance, StepRecord, System};
-use std::cell::{OnceCell, RefCell};
-use std::rc::Rc;
+use std::cell::OnceCell;
 
-/// Newmark run of one of several equal systems in lock step.
-pub struct ModeLane<'s> {
-    runs: Rc<RefCell<LaneRuns<'s>>>,
+/// Newmark run of one of several equal systems in lock step, at the last step of all.
+pub struct ModeLane<'r, 's> {
+    runs: &'r mut ModeRuns<'s>,
     lane: usize,
-    system: &'s System<Native>,
     record: StepRecord,
     /// Displacement, in m, one entry per dof, where it was asked for.
     shown: OnceCell<Vec<f64>>,
 }
 
-impl<'s> ModeLane<'s> {
-    /// Shows one of the runs at its present step.
-    pub(super) fn new(
-        runs: &Rc<RefCell<LaneRuns<'s>>>,
-        lane: usize,
-        system: &'s System<Native>,
-    ) -> ModeLane<'s> {
-        let record = StepRecord {
-            candidates: Some(Vec::new()),
-            ..StepRecord::new(runs.borrow().dt, system.bounds.len())
-        };
-        let mut run = ModeLane { runs: runs.clone(), lane, system, record, shown: OnceCell::new() };
-        run.refresh(&runs.borrow());
-        run
+impl<'s> ModeRuns<'s> {
+    /// Returns a run at the last step.
+    pub fn lane(&mut self, lane: usize) -> ModeLane<'_, 's> {
+        ModeLane::new(self, lane)
     }
 }
 
-impl ModeLane<'_> {
-    /// Shows the last step of the runs, which may have advanced by several.
-    pub(super) fn catch_up(&mut self) {
-        let runs = self.runs.clone();
-        let all = runs.borrow();
-        if self.record.step != all.step {
-            self.refresh(&all);
-        }
+impl<'r, 's> ModeLane<'r, 's> {
+    /// Shows one of the runs.
+    fn new(runs: &'r mut ModeRuns<'s>, lane: usize) -> ModeLane<'r, 's> {
+        let levels = &runs.levels;
+        let each = |of: &[Lanes]| -> Vec<f64> { of.iter().map(|values| values.0[lane]).collect() };
+        let (before, reaction) = (each(&levels.reaction_before), each(&levels.reaction));
+        let impulses = before.iter().zip(&reaction).map(|(before, now)| 0.5 * runs.dt * (before + now));
+        let record = StepRecord {
+            step: runs.step(),
+            dt: runs.dt,
+            admissible: each(&levels.admissible),
+            impulses: impulses.collect(),
+            reaction,
+            candidates: None,
+            report: levels.report(lane),
+        };
+        ModeLane { runs, lane, record, shown: OnceCell::new() }
     }
 
-    /// Copies the own part of the record of all runs.
-    fn refresh(&mut self, runs: &LaneRuns) {
-        let (lane, levels) = (self.lane, &runs.levels);
-        let StepRecord { dt, step, admissible, reaction, impulses, candidates, report } = &mut self.record;
-        (*step, *report) = (runs.step, levels.report(lane));
-        let listed = candidates.get_or_insert_default();
-        for i in listed.drain(..) {
-            (reaction[i], impulses[i]) = (0.0, 0.0);
-        }
-        let presses = levels.presses.iter().any(|of| of.holds(lane));
-        for i in 0..if presses { reaction.len() } else { 0 } {
-            let [before, now] = [levels.reaction_before[i].0[lane], levels.reaction[i].0[lane]];
-            if before != 0.0 || now != 0.0 {
-                listed.push(i);
-                admissible[i] = levels.admissible[i].0[lane];
-                reaction[i] = now;
-                impulses[i] = 0.5 * *dt * (before + now);
-            }
-        }
-        self.shown.take();
+    /// Returns the system of the run.
+    fn system(&self) -> &'s System<Native> {
+        self.runs.systems[self.lane]
     }
 
     /// Returns the central velocity, in m/s, one entry per dof.
     fn central_velocity(&self) -> Vec<f64> {
-        let runs = self.runs.borrow();
-        if runs.step == 0 && runs.shared.massless == MasslessPart::Swings {
+        let runs = &*self.runs;
+        if runs.step() == 0 && runs.shared.massless == MasslessPart::Swings {
             return runs.starts[self.lane].velocity.clone();
         }
         let LaneLevels { d, d_next, .. } = &runs.levels;
@@ -82,11 +63,12 @@ impl ModeLane<'_> {
     }
 }
 
-impl Scheme for ModeLane<'_> {
+impl Scheme for ModeLane<'_, '_> {
     /// Advances all runs.
     fn advance(&mut self) -> Result<()> {
-        self.runs.borrow_mut().advance()?;
-        self.catch_up();
+        self.runs.advance()?;
+        let ModeLane { record, .. } = ModeLane::new(self.runs, self.lane);
+        (self.record, self.shown) = (record, OnceCell::new());
         Ok(())
     }
 
@@ -96,16 +78,16 @@ impl Scheme for ModeLane<'_> {
 
     fn displacement(&self) -> &[f64] {
         self.shown.get_or_init(|| {
-            let runs = self.runs.borrow();
-            let mut u = runs.vector(self.lane, |j| runs.levels.z[j].0[self.lane]);
-            let bounds = self.system.bounds.dofs.iter().zip(&runs.levels.u);
+            let levels = &self.runs.levels;
+            let mut u = self.runs.vector(self.lane, |j| levels.z[j].0[self.lane]);
+            let bounds = self.system().bounds.dofs.iter().zip(&levels.u);
             bounds.for_each(|(&dof, deflection)| u[dof] = deflection.0[self.lane]);
             u
         })
     }
 
     fn displacement_of(&self, dof: usize) -> f64 {
-        self.runs.borrow().deflections(dof).0[self.lane]
+        self.runs.deflections(dof).0[self.lane]
     }
 
     fn velocity(&mut self) -> Result<Vec<f64>> {
@@ -113,20 +95,20 @@ impl Scheme for ModeLane<'_> {
     }
 
     fn limits(&self) -> &Bounds {
-        &self.system.bounds
+        &self.system().bounds
     }
 
     fn energies(&self) -> Result<Energies> {
-        let System { engine, stiffness, mass, .. } = self.system;
+        let System { engine, stiffness, mass, .. } = self.system();
         let u = self.displacement();
         let elastic = 0.5 * engine.multiply(stiffness, u, &mut vec![0.0; u.len()])?;
         let mut v = vec![0.0; engine.velocities(mass)];
-        let kinetic = self.system.kinetic_energy(&self.central_velocity(), &mut v)?;
-        Ok(Energies { kinetic, elastic, work: self.runs.borrow().energies()[self.lane].work })
+        let kinetic = self.system().kinetic_energy(&self.central_velocity(), &mut v)?;
+        Ok(Energies { kinetic, elastic, work: self.runs.energies()[self.lane].work })
     }
 
     fn approach(&self, bound: usize) -> Approach {
-        let runs = self.runs.borrow();
+        let runs = &*self.runs;
         let LaneLevels { u, u_before, .. } = &runs.levels;
         let deflection = u[bound].0[self.lane];
         let velocity = match self.record.step {

@@ -25,7 +25,7 @@ impl<'m> PeriodicModeRuns<'m> {
     /// Starts to measure runs at their start.
     pub fn new(runs: &[&'m PreparedRun], mut motion: ModeRuns<'m>) -> Result<PeriodicModeRuns<'m>> {
         let lanes = runs.iter().enumerate();
-        let monitors = lanes.map(|(lane, run)| run.monitor(motion.lane(lane))).collect::<Result<_>>()?;
+        let monitors = lanes.map(|(lane, run)| run.monitor(&motion.lane(lane))).collect::<Result<_>>()?;
         Ok(PeriodicModeRuns {
             recorder: runs[0].recorder(),
             values: vec![Lanes::default(); runs[0].scene.output.probes.len()],
@@ -51,8 +51,8 @@ impl<'m> PeriodicModeRuns<'m> {
         let PeriodicModeRuns { runs, mut motion, mut monitors, recorder, .. } = self;
         let lanes = runs.iter().zip(&mut monitors).enumerate();
         let finished = lanes.map(|(lane, (run, monitor))| {
-            let now = monitor.check_energies(motion.lane(lane))?;
-            run.finished(motion.lane(lane), now, (&recorder, lane), None)
+            let now = monitor.check_energies(&motion.lane(lane))?;
+            run.finished(&mut motion.lane(lane), now, (&recorder, lane), None)
         });
         finished.collect()
     }
@@ -65,12 +65,12 @@ impl<'m> PeriodicModeRuns<'m> {
         if *reads_each {
             let mut read = vec![0.0; values.len()];
             for (lane, monitor) in monitors.iter_mut().enumerate() {
-                monitor.note(motion.lane(lane), &mut read)?;
+                monitor.note(&mut motion.lane(lane), &mut read)?;
                 values.iter_mut().zip(&read).for_each(|(values, value)| values.0[lane] = *value);
             }
         } else if monitors.iter().any(|monitor| monitor.is_due(step, kkt)) {
             for ((lane, monitor), energies) in monitors.iter_mut().enumerate().zip(motion.energies()) {
-                monitor.check(motion.lane(lane), || Ok(energies))?;
+                monitor.check(&motion.lane(lane), || Ok(energies))?;
             }
         }
         if let Some([forces, impulses]) = motion.contacts() {
@@ -78,7 +78,7 @@ impl<'m> PeriodicModeRuns<'m> {
                 let (force, impulse) = (forces.0[lane], impulses.0[lane]);
                 let contact = TotalContact { touches: force > 0.0, force, peak: 0.0, impulse };
                 if recorder.note_contact(lane, step, contact) {
-                    let met = monitor.impact(motion.lane(lane))?;
+                    let met = monitor.impact(&motion.lane(lane))?;
                     recorder.note_closing(lane, met.map_or(0.0, |met| met.velocity.abs()));
                 }
             }

@@ -60,8 +60,6 @@ pub(super) struct EventSearch {
     stride: f64,
     /// Remainders D of each quantity, by level.
     remainders: HashMap<i32, Vec<f64>>,
-    /// Samples whose memory is reused.
-    spare: Vec<Sample>,
     /// Work space for q, q'.
     state: Mat<f64>,
     /// Number of evaluations of all watched quantities.
@@ -100,7 +98,6 @@ impl EventSearch {
             level,
             stride: stride / fastest,
             remainders: HashMap::new(),
-            spare: Vec::new(),
             state: Mat::zeros(modes.frequencies.len(), 2),
             evaluations: 0,
         };
@@ -131,13 +128,11 @@ impl EventSearch {
     }
 
     fn sample(&mut self, motion: &ModalSolution, at: f64) -> Sample {
-        let fresh = || Sample { at, values: Mat::zeros(motion.modes.sides.len(), 2) };
-        let mut sample = self.spare.pop().unwrap_or_else(fresh);
+        let mut values = Mat::zeros(motion.modes.sides.len(), 2);
         motion.state(at, &mut self.state);
-        motion.watch(&self.state, &mut sample.values);
-        sample.at = at;
+        motion.watch(&self.state, &mut values);
         self.evaluations += 1;
-        sample
+        Sample { at, values }
     }
 
     /// Returns the candidates whose quantity is at a limit at an instant, given its values there,
@@ -214,7 +209,7 @@ impl EventSearch {
         self.next = zeros.min_by(|a, b| a.0.total_cmp(&b.0));
         if self.next.is_none() {
             self.level = if self.pending.is_empty() { level + 1 } else { level };
-            self.spare.push(std::mem::replace(&mut self.certified, end));
+            self.certified = end;
         }
     }
 

@@ -1,14 +1,15 @@
 //! Residual of the state in the dofs of the structure, and its correction.
 
 use super::reduction::ReducedModel;
+use super::spectrum::factored;
 use super::{Exact, Shape};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{add, scale, sum};
 use crate::scheme::System;
 use crate::vi::{Answer, BoundStatus, Problem};
+use faer::Mat;
 use faer::linalg::solvers::Solve;
-use faer::{Mat, Side as Triangle};
 
 /// KKT residual, dimensionless, above which a shape is corrected. Residuals of up to 1e-9 occur at
 /// held nodes where a motion that the velocities hardly resolve is soft, such as two cells that can
@@ -76,14 +77,8 @@ impl<E: Engine> Exact<'_, E> {
         let (mut du, mut da) = self.saddle.solve(column(&force), position)?;
         // The compliance of the active bounds is as definite as when the modes were found.
         let active: Vec<usize> = (0..bounds.len()).filter(|&i| modes.sides[i] != BoundStatus::Free).collect();
-        let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
-        let llt = block.llt(Triangle::Lower).map_err(|_| {
-            Error::Singular(format!(
-                "{} nodes in contact: their compliance is not positive definite",
-                active.len()
-            ))
-        })?;
-        let held = llt.solve(&Mat::from_fn(active.len(), 1, |k, _| -du[(bounds.dofs[active[k]], 0)]));
+        let held = factored(compliance, &active)?
+            .solve(&Mat::from_fn(active.len(), 1, |k, _| -du[(bounds.dofs[active[k]], 0)]));
         let mut forces = Mat::zeros(bounds.len(), 1);
         for (k, &i) in active.iter().enumerate() {
             forces[(i, 0)] = held[(k, 0)];

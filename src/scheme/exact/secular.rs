@@ -24,9 +24,10 @@
 //! and Eisenstat, SIAM J. Matrix Anal. Appl. 15, 1994). Components `$z_i$` that vanish leave their
 //! eigenpair unchanged, and of two equal `$d_i$` a rotation makes one component vanish.
 
-use crate::linalg::vectors::dot;
+use crate::kernels::lanes::{dot, sum};
+use crate::kernels::wide::widest;
 use faer::Mat;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 /// Component of z, relative to the largest one, that counts as 0. Its square is far below the
 /// rounding of any eigenvalue that a graded matrix can have.
@@ -40,9 +41,6 @@ const MAX_ITERATIONS: usize = 120;
 
 /// Share of a bracket between 0 and its other end that takes the place of the geometric mean.
 const NEAR_POLE: f64 = 1.0 / 64.0;
-
-/// Number of sums that are added up side by side.
-const LANES: usize = 8;
 
 /// Sign of a product of rank one.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,11 +62,13 @@ pub(crate) fn changed_eigen(
     let poles = values.iter().map(|d| sign * d).collect();
     let mut deflated = Deflated { poles, z, vectors: vectors.clone() };
     let kept = deflated.kept(change);
-    let secular = Secular {
-        poles: &kept.iter().map(|&i| deflated.poles[i]).collect::<Vec<_>>(),
-        z: &kept.iter().map(|&i| deflated.z[i]).collect::<Vec<_>>(),
-    };
-    let (roots, turn) = Arch::new().dispatch(secular);
+    let poles: Vec<f64> = kept.iter().map(|&i| deflated.poles[i]).collect();
+    let z: Vec<f64> = kept.iter().map(|&i| deflated.z[i]).collect();
+    let (roots, turn) = widest(
+        Arch::new(),
+        #[inline(always)]
+        || eigen(&poles, &z),
+    );
     let size = vectors.nrows();
     let mut turned = Mat::zeros(size, kept.len());
     for (k, &i) in kept.iter().enumerate() {
@@ -134,52 +134,42 @@ impl Deflated {
     }
 }
 
-/// Secular equation with distinct poles, ascending, and no vanishing component.
-struct Secular<'a> {
-    poles: &'a [f64],
-    z: &'a [f64],
-}
-
-impl WithSimd for Secular<'_> {
-    /// Roots and orthogonal eigenvectors of D + z z^T.
-    type Output = (Vec<f64>, Mat<f64>);
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> (Vec<f64>, Mat<f64>) {
-        let Secular { poles, z } = self;
-        let size = poles.len();
-        let squares: Vec<f64> = z.iter().map(|z| z * z).collect();
-        let mut roots = vec![0.0; size];
-        // Differences of poles and roots, d_i - lambda_j.
-        let mut columns = Mat::zeros(size, size);
-        let mut gaps = vec![0.0; size];
-        // The ratios of the product for each component are at most 1 in pairs.
-        let mut weights = vec![1.0; size];
-        for j in 0..size {
-            let column = columns.col_as_slice_mut(j);
-            let (origin, offset) = root(poles, &squares, &mut gaps, j);
-            roots[j] = poles[origin] + offset;
-            column.iter_mut().zip(&gaps).for_each(|(x, gap)| *x = gap - offset);
-            let pole = poles[j];
-            weights[j] *= -column[j];
-            for range in [0..j, j + 1..size] {
-                let of = weights[range.clone()].iter_mut().zip(&column[range.clone()]).zip(&poles[range]);
-                for ((w, x), d) in of {
-                    *w *= x / (d - pole);
-                }
+/// Returns the roots and the orthogonal eigenvectors of D + z z^T with distinct poles, ascending,
+/// and no vanishing component of z.
+#[inline(always)]
+fn eigen(poles: &[f64], z: &[f64]) -> (Vec<f64>, Mat<f64>) {
+    let size = poles.len();
+    let squares: Vec<f64> = z.iter().map(|z| z * z).collect();
+    let mut roots = vec![0.0; size];
+    // Differences of poles and roots, d_i - lambda_j.
+    let mut columns = Mat::zeros(size, size);
+    let mut gaps = vec![0.0; size];
+    // The ratios of the product for each component are at most 1 in pairs.
+    let mut weights = vec![1.0; size];
+    for j in 0..size {
+        let column = columns.col_as_slice_mut(j);
+        let (origin, offset) = root(poles, &squares, &mut gaps, j);
+        roots[j] = poles[origin] + offset;
+        column.iter_mut().zip(&gaps).for_each(|(x, gap)| *x = gap - offset);
+        let pole = poles[j];
+        weights[j] *= -column[j];
+        for range in [0..j, j + 1..size] {
+            let of = weights[range.clone()].iter_mut().zip(&column[range.clone()]).zip(&poles[range]);
+            for ((w, x), d) in of {
+                *w *= x / (d - pole);
             }
         }
-        for (w, z) in weights.iter_mut().zip(z) {
-            *w = w.abs().sqrt().copysign(*z);
-        }
-        for j in 0..size {
-            let column = columns.col_as_slice_mut(j);
-            column.iter_mut().zip(&weights).for_each(|(x, w)| *x = w / *x);
-            let scale = 1.0 / dot(column, column).sqrt();
-            column.iter_mut().for_each(|x| *x *= scale);
-        }
-        (roots, columns)
     }
+    for (w, z) in weights.iter_mut().zip(z) {
+        *w = w.abs().sqrt().copysign(*z);
+    }
+    for j in 0..size {
+        let column = columns.col_as_slice_mut(j);
+        column.iter_mut().zip(&weights).for_each(|(x, w)| *x = w / *x);
+        let scale = 1.0 / dot(column, column).sqrt();
+        column.iter_mut().for_each(|x| *x *= scale);
+    }
+    (roots, columns)
 }
 
 /// Returns the nearer pole of a root and the root's offset from it, and sets `gaps` to the
@@ -191,7 +181,7 @@ fn root(poles: &[f64], squares: &[f64], gaps: &mut [f64], j: usize) -> (usize, f
     };
     from(j, gaps);
     let is_last = j + 1 == poles.len();
-    let mut upper = if is_last { sum(squares) } else { gaps[j + 1] };
+    let mut upper = if is_last { squares.iter().sum() } else { gaps[j + 1] };
     let mut offset = 0.5 * upper;
     let mut at = SecularSums::new(squares, gaps, j, offset);
     let (mut origin, mut lower) = (j, 0.0);
@@ -289,28 +279,9 @@ impl SecularSums {
 /// Returns the sums of z^2 / x and of z^2 / x^2 with x = gap - offset.
 #[inline(always)]
 fn terms(squares: &[f64], gaps: &[f64], offset: f64) -> [f64; 2] {
-    let (mut values, mut slopes) = ([0.0; LANES], [0.0; LANES]);
-    let whole = squares.len() - squares.len() % LANES;
-    for (square, gap) in squares[..whole].chunks_exact(LANES).zip(gaps[..whole].chunks_exact(LANES)) {
-        for k in 0..LANES {
-            let inverse = 1.0 / (gap[k] - offset);
-            let term = square[k] * inverse;
-            values[k] += term;
-            slopes[k] += term * inverse;
-        }
-    }
-    for (k, (square, gap)) in squares[whole..].iter().zip(&gaps[whole..]).enumerate() {
-        let inverse = 1.0 / (gap - offset);
-        let term = square * inverse;
-        values[k] += term;
-        slopes[k] += term * inverse;
-    }
-    [sum(&values), sum(&slopes)]
-}
-
-#[inline(always)]
-fn sum(of: &[f64]) -> f64 {
-    of.iter().sum()
+    let gaps = &gaps[..squares.len()];
+    let term = |k: usize| squares[k] / (gaps[k] - offset);
+    [sum(squares.len(), term), sum(squares.len(), |k| term(k) / (gaps[k] - offset))]
 }
 
 #[cfg(test)]

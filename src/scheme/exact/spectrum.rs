@@ -63,7 +63,7 @@ use crate::linalg::eigen::symmetric_eigen;
 use crate::linalg::{Engine, Form};
 use crate::scheme::System;
 use crate::vi::BoundStatus;
-use faer::linalg::solvers::Solve;
+use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Side as Triangle};
 use nalgebra::DMatrix;
 use serde::{Deserialize, Serialize};
@@ -152,11 +152,7 @@ impl Held {
             Some(_) => beyond[(k, 0)],
         });
         if !active.is_empty() {
-            let block = Mat::from_fn(active.len(), active.len(), |i, j| compliance[(active[i], active[j])]);
-            let llt = block
-                .llt(Triangle::Lower)
-                .map_err(|_| failed(active.len(), "their compliance is not positive definite"))?;
-            llt.solve_in_place(&mut reactions);
+            factored(compliance, &active)?.solve_in_place(&mut reactions);
         }
         Ok(Held { sides: sides.to_vec(), active, lift, reactions, rigid })
     }
@@ -252,6 +248,17 @@ fn nearest_rigid(stiffness: &Mat<f64>, lift: &Mat<f64>, gap: &Mat<f64>) -> Mat<f
     }
     z
 }
+
+/// Returns the Cholesky factor of the compliance of some candidates.
+///
+/// # Errors
+/// Returns [`Error::Singular`] where it is not positive definite.
+pub(super) fn factored(compliance: &Mat<f64>, nodes: &[usize]) -> Result<Llt<f64>> {
+    let block = Mat::from_fn(nodes.len(), nodes.len(), |i, j| compliance[(nodes[i], nodes[j])]);
+    block.llt(Triangle::Lower).map_err(|_| failed(nodes.len(), INDEFINITE))
+}
+
+const INDEFINITE: &str = "their compliance is not positive definite";
 
 fn failed(touching: usize, what: &str) -> Error {
     Error::Singular(format!("the modes of {touching} nodes in contact: {what}"))
@@ -422,20 +429,15 @@ impl Spectrum {
         let i = position(reduction, of)?;
         let (mut row, mut own) = (lift_at.row(i).to_owned(), compliance[(i, i)]);
         if !others.is_empty() {
-            let size = others.len();
-            let block = Mat::from_fn(size, size, |k, l| compliance[(others[k], others[l])]);
-            let coupling = Mat::from_fn(size, 1, |k, _| compliance[(others[k], i)]);
-            let llt = block
-                .llt(Triangle::Lower)
-                .map_err(|_| failed(size, "their compliance is not positive definite"))?;
-            let forces = llt.solve(&coupling);
+            let coupling = Mat::from_fn(others.len(), 1, |k, _| compliance[(others[k], i)]);
+            let forces = factored(compliance, &others)?.solve(&coupling);
             for (k, &other) in others.iter().enumerate() {
                 row -= lift_at.row(other) * faer::Scale(forces[(k, 0)]);
                 own -= coupling[(k, 0)] * forces[(k, 0)];
             }
         }
         if own <= 0.0 {
-            return Err(failed(others.len() + 1, "their compliance is not positive definite"));
+            return Err(failed(others.len() + 1, INDEFINITE));
         }
         let z = self.vectors.transpose() * row.transpose() * faer::Scale(1.0 / own.sqrt());
         let z = z.iter().copied().collect();
