@@ -4,6 +4,7 @@
 use crate::common::models::unit_plate;
 use crate::common::plates::Matrices;
 use crate::common::ranks::{Case, case};
+use faer::Mat;
 use rebond::assembly;
 use rebond::communicator::Communicator;
 use rebond::distributed::{Distributed, Part};
@@ -228,7 +229,18 @@ impl Both {
         assert_eq!([modes.squares.len(), modes.residuals.len(), twins.squares.len()], [count; 3]);
         assert!(modes.is_complete && twins.is_complete);
         let middle = 0.5 * (twins.squares[count / 2] + twins.squares[count / 2 - 1]);
-        assert_eq!(engine.count_below(&self.stiffness, &self.masses[0], middle)?, Some(count / 2));
+        // The indefinite factor counts, and solves: (K - sigma M) x = (lambda - sigma) M x.
+        let mut factor = engine.factor_beyond(&self.stiffness, &self.masses[0], middle)?.unwrap();
+        assert_eq!(factor.negative, count / 2);
+        let mut solved =
+            Mat::from_fn(engine.dofs(), count, |i, j| (modes.squares[j] - middle) * modes.momenta[(i, j)]);
+        (factor.solve)(&mut solved)?;
+        let most = modes.shapes.norm_max();
+        assert!(
+            (&solved - &modes.shapes).norm_max() <= 1e-9 * most,
+            "{:e}",
+            (&solved - &modes.shapes).norm_max()
+        );
         for (square, twin) in modes.squares.iter().zip(&twins.squares) {
             assert!((square / twin - 1.0).abs() <= 1e-11, "{square}, not {twin}");
         }
