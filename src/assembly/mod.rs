@@ -14,7 +14,6 @@ mod products;
 mod patches;
 mod recovery;
 mod samples;
-mod site_blocks;
 mod sites;
 
 pub use beam::{BeamPiece, BeamStiffness, beams, line_in_cells};

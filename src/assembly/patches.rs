@@ -4,14 +4,18 @@
 //! set of weights.
 
 use super::samples::ClassSamples;
-use super::site_blocks::{NodeWeights, Stencil};
 use crate::dof_map::PER_NODE;
+use crate::kernels::wide::widest;
 use nalgebra::{Matrix3, Vector3};
-use std::collections::{BTreeMap, HashMap};
+use pulp::Arch;
+use std::collections::HashMap;
 
 /// Curvatures (w_xx, w_xy, w_yy) at a site, as a sum over the dofs of this rank's cells: three
 /// weights per dof.
 pub type CurvatureRow = Vec<(usize, [f64; 3])>;
+
+/// Weights of the dofs of a node in the curvatures, the fourth of each padding.
+type NodeWeights = [[f64; 4]; PER_NODE];
 
 /// Cells around a site: the number of each cell and which of its corners the site is.
 pub(super) type Corners = Vec<(usize, usize)>;
@@ -84,19 +88,29 @@ impl Patches {
         nodes.iter().zip(weights).flat_map(of_node).collect()
     }
 
-    /// Returns the weights of the nodes in a sum of fits, each with a factor, relative to the node
-    /// of a site.
-    pub fn stencil(&self, node: usize, terms: &[(usize, f64)]) -> Stencil {
-        let mut stencil: BTreeMap<i32, NodeWeights> = BTreeMap::new();
-        for &(fit, factor) in terms {
-            let (weights, nodes) = self.fit(fit);
-            for (weights, &of) in weights.iter().zip(nodes) {
-                let sums = stencil.entry(of.wrapping_sub(node as u32) as i32).or_default();
-                let pairs = sums.as_flattened_mut().iter_mut().zip(weights.as_flattened());
-                pairs.for_each(|(sum, weight)| *sum += factor * weight);
-            }
-        }
-        stencil.into_iter().collect()
+    /// Returns this rank's share of all fits for deflections and slopes at all nodes.
+    pub fn shares(&self, shape: &[f64]) -> Vec<[f64; 3]> {
+        let ((shape, _), mut shares) = (shape.as_chunks::<PER_NODE>(), vec![[0.0; 3]; self.fits.len()]);
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                for (fit, share) in shares.iter_mut().enumerate() {
+                    let (weights, nodes) = self.fit(fit);
+                    let mut sums = NodeWeights::default();
+                    for (weights, &node) in weights.iter().zip(nodes) {
+                        let values = &shape[node as usize];
+                        for k in 0..PER_NODE {
+                            for j in 0..4 {
+                                sums[k][j] += weights[k][j] * values[k];
+                            }
+                        }
+                    }
+                    *share = [0, 1, 2].map(|j| sums[0][j] + sums[1][j] + sums[2][j]);
+                }
+            },
+        );
+        shares
     }
 }
 
