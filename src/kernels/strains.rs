@@ -21,41 +21,12 @@ pub(crate) enum Strains {
 #[derive(Debug, Clone)]
 pub(crate) struct Cells<const NODES: usize> {
     arms: [[Lanes; 2]; NODES],
-    root: Root,
-}
-
-/// Root R of eight cells: its blocks on the diagonal and above, row by row, each for the dofs of
-/// two nodes.
-#[derive(Debug, Clone)]
-enum Root {
-    /// Root that all cells have.
-    Shared(Vec<Block<f64>>),
-    /// Root of each cell.
-    OfEach(Vec<Block<Lanes>>),
+    /// Blocks of the roots R on the diagonal and above, row by row, each for the dofs of two nodes.
+    root: Vec<Block>,
 }
 
 /// Block of three rows and columns, column by column.
-type Block<E> = [[E; 3]; 3];
-
-/// Entry of a root for eight cells.
-trait Entry: Copy {
-    /// Returns the entry of those cells that a vector register holds.
-    fn in_register<S: Simd>(self, simd: S, register: usize) -> S::f64s;
-}
-
-impl Entry for f64 {
-    #[inline(always)]
-    fn in_register<S: Simd>(self, simd: S, _: usize) -> S::f64s {
-        simd.splat_f64s(self)
-    }
-}
-
-impl Entry for Lanes {
-    #[inline(always)]
-    fn in_register<S: Simd>(self, _: S, register: usize) -> S::f64s {
-        self.register::<S>(register)
-    }
-}
+type Block = [[Lanes; 3]; 3];
 
 impl Strains {
     /// Interleaves the representations of some cells with equally many nodes; `None` if these are
@@ -81,40 +52,28 @@ impl Strains {
 impl<const NODES: usize> Cells<NODES> {
     fn new(cells: [&Bending; LANES]) -> Self {
         let arm = |node: usize| [0, 1].map(|axis| Lanes(cells.map(|cell| cell.arms[node][axis])));
-        let root = if cells.iter().all(|cell| cell.root == cells[0].root) {
-            Root::Shared(blocks(NODES, |place| cells[0].root[place]))
-        } else {
-            Root::OfEach(blocks(NODES, |place| Lanes(cells.map(|cell| cell.root[place]))))
+        let entry = |place: usize| Lanes(cells.map(|cell| cell.root[place]));
+        let block = |row: usize, column: usize| {
+            [0, 1, 2].map(|j| [0, 1, 2].map(|i| entry((3 * row + i) * 3 * NODES + 3 * column + j)))
         };
+        let pairs = (0..NODES).flat_map(|row| (row..NODES).map(move |column| (row, column)));
+        let root = pairs.map(|(row, column)| block(row, column)).collect();
         Cells { arms: std::array::from_fn(arm), root }
     }
 
     /// Computes result = A local and returns local^T A local.
     #[inline(always)]
     fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
-        match &self.root {
-            Root::Shared(root) => square_product(simd, root, &self.arms, local, result),
-            Root::OfEach(root) => square_product(simd, root, &self.arms, local, result),
-        }
+        square_product(simd, &self.root, &self.arms, local, result)
     }
-}
-
-/// Splits the upper triangle of a root for some nodes, given its entries row by row, into blocks.
-fn blocks<E>(nodes: usize, entry: impl Fn(usize) -> E) -> Vec<Block<E>> {
-    let pairs = (0..nodes).flat_map(|row| (row..nodes).map(move |column| (row, column)));
-    let place = |row: usize, column: usize| row * 3 * nodes + column;
-    let block = |(row, column): (usize, usize)| {
-        [0, 1, 2].map(|j| [0, 1, 2].map(|i| entry(place(3 * row + i, 3 * column + j))))
-    };
-    pairs.map(block).collect()
 }
 
 /// Computes result = A local and returns local^T A local, for cells with some nodes after the
 /// first. This is the inner loop of every step, and the compiler unrolls all of it.
 #[inline(always)]
-fn square_product<S: Simd, E: Entry, const NODES: usize>(
+fn square_product<S: Simd, const NODES: usize>(
     simd: S,
-    root: &[Block<E>],
+    root: &[Block],
     arms: &[[Lanes; 2]; NODES],
     local: &[Lanes],
     result: &mut [Lanes],
@@ -192,16 +151,16 @@ fn add_reaction<S: Simd>(simd: S, force: [S::f64s; 3], [x, y]: [S::f64s; 2], bal
 
 /// Adds the product of a block to some sums, for the cells in a register.
 #[inline(always)]
-fn add_product<S: Simd, E: Entry>(
+fn add_product<S: Simd>(
     simd: S,
     register: usize,
-    block: &Block<E>,
+    block: &Block,
     values: &[S::f64s; 3],
     sums: &mut [S::f64s; 3],
 ) {
     for column in 0..3 {
         for row in 0..3 {
-            let entry = block[column][row].in_register(simd, register);
+            let entry = block[column][row].register::<S>(register);
             sums[row] = simd.mul_add_f64s(entry, values[column], sums[row]);
         }
     }
@@ -209,16 +168,16 @@ fn add_product<S: Simd, E: Entry>(
 
 /// Adds the product of the transpose of a block to some sums, for the cells in a register.
 #[inline(always)]
-fn add_transposed_product<S: Simd, E: Entry>(
+fn add_transposed_product<S: Simd>(
     simd: S,
     register: usize,
-    block: &Block<E>,
+    block: &Block,
     values: &[S::f64s; 3],
     sums: &mut [S::f64s; 3],
 ) {
     for row in 0..3 {
         for column in 0..3 {
-            let entry = block[column][row].in_register(simd, register);
+            let entry = block[column][row].register::<S>(register);
             sums[column] = simd.mul_add_f64s(entry, values[row], sums[column]);
         }
     }
