@@ -1,5 +1,6 @@
 //! All modes with inertia of a small system, by dense matrices.
 
+use super::blocks::multiply;
 use crate::error::Result;
 use crate::linalg::eigen::symmetric_eigen;
 use crate::linalg::{Engine, Form, MassModes, Native};
@@ -34,9 +35,9 @@ pub(crate) fn modes_with_mass(engine: &Native, stiffness: &Form, mass: &Form) ->
     let massive: Vec<usize> = (0..dofs).rev().filter(|&k| masses[k] > MASSLESS * largest).collect();
     let shapes =
         Mat::from_fn(dofs, massive.len(), |i, k| shapes[(i, massive[k])] / masses[massive[k]].sqrt());
-    let momenta = products(engine, mass, &shapes)?;
+    let momenta = multiply(engine, mass, &shapes)?.0;
     let squares: Vec<f64> = massive.iter().map(|&k| 1.0 / masses[k]).collect();
-    let forces = products(engine, stiffness, &shapes)?;
+    let forces = multiply(engine, stiffness, &shapes)?.0;
     let size = |k: usize| squares[k].sqrt();
     let energies = shapes.transpose() * forces;
     let fits = |i: usize, j: usize| {
@@ -52,8 +53,8 @@ pub(crate) fn modes_with_mass(engine: &Native, stiffness: &Form, mass: &Form) ->
 /// modal masses per stiffness.
 fn refine(engine: &Native, stiffness: &Form, mass: &Form, shapes: &mut Mat<f64>) -> Result<Vec<f64>> {
     let size = shapes.ncols();
-    let of_stiffness = shapes.transpose() * products(engine, stiffness, shapes)?;
-    let of_mass = shapes.transpose() * products(engine, mass, shapes)?;
+    let of_stiffness = shapes.transpose() * multiply(engine, stiffness, shapes)?.0;
+    let of_mass = shapes.transpose() * multiply(engine, mass, shapes)?.0;
     let masses: Vec<f64> = (0..size).map(|k| of_mass[(k, k)] / of_stiffness[(k, k)]).collect();
     let largest = masses.iter().copied().fold(0.0, f64::max);
     let correction = Mat::from_fn(size, size, |i, j| {
@@ -67,15 +68,6 @@ fn refine(engine: &Native, stiffness: &Form, mass: &Form, shapes: &mut Mat<f64>)
     let corrected = &*shapes + &*shapes * correction;
     *shapes = corrected;
     Ok(masses)
-}
-
-/// Returns the products of a form with vectors in columns.
-fn products(engine: &Native, form: &Form, vectors: &Mat<f64>) -> Result<Mat<f64>> {
-    let mut products = Mat::zeros(vectors.nrows(), vectors.ncols());
-    for j in 0..vectors.ncols() {
-        engine.multiply(form, vectors.col_as_slice(j), products.col_as_slice_mut(j))?;
-    }
-    Ok(products)
 }
 
 /// Returns the dense matrix of a form.

@@ -11,37 +11,7 @@ use std::ffi::{CString, c_char, c_int, c_void};
 pub use super::words::validate;
 
 /// Options that PETSc looks up only at its end, or not at all in some builds; they may stay unused.
-const LATE: &[&str] = &[
-    "citations",
-    "get_total_flops",
-    "help",
-    "history",
-    "log_all",
-    "log_exclude",
-    "log_sync",
-    "log_trace",
-    "log_view",
-    "log_view_memory",
-    "malloc",
-    "malloc_debug",
-    "malloc_dump",
-    "malloc_hbw",
-    "malloc_test",
-    "malloc_view",
-    "memory_view",
-    "mpidump",
-    "no_signal_handler",
-    "objects_dump",
-    "on_error_abort",
-    "on_error_attach_debugger",
-    "options_left",
-    "options_monitor",
-    "options_view",
-    "saws_options",
-    "skip_petscrc",
-    "start_in_debugger",
-    "version",
-];
+const LATE: &str = include_str!("late_options.txt");
 
 /// Options that PETSc's solvers look up, without prefixes, one name per line.
 ///
@@ -218,7 +188,7 @@ impl Context {
         let is = |list: &str, name: &str| list.eq_ignore_ascii_case(name);
         Ok(unused
             .into_iter()
-            .filter(|name| !LATE.iter().any(|late| is(late, name)) && !ours.iter().any(|our| is(our, name)))
+            .filter(|name| !LATE.lines().any(|late| is(late, name)) && !ours.iter().any(|our| is(our, name)))
             .collect())
     }
 
@@ -265,7 +235,7 @@ impl Context {
 
     /// Returns all names for suggestions: PETSc's, with the prefixes of the solvers created so far.
     pub fn known_options(&self) -> Vec<String> {
-        let mut names: Vec<_> = KNOWN.lines().chain(LATE.iter().copied()).map(String::from).collect();
+        let mut names: Vec<_> = KNOWN.lines().chain(LATE.lines()).map(String::from).collect();
         for prefix in self.prefixes.borrow().iter() {
             names.extend(KNOWN.lines().map(|name| format!("{prefix}{name}")));
         }
