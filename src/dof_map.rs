@@ -334,53 +334,26 @@ impl DofMap {
     }
 
     /// Returns the layout of the dofs for products cell by cell. The nodes follow each other line
-    /// by line in x; a fine mesh is divided into strips of such lines. The dofs of a strip follow
-    /// each other kind by kind.
+    /// by line in x, kind by kind.
     pub fn layout(&self, mesh: &Mesh) -> Layout {
         let mut order: Vec<usize> = (0..mesh.nodes.len()).collect();
         order.sort_by(|&a, &b| {
             let (a, b) = (mesh.nodes[a], mesh.nodes[b]);
             a.y.total_cmp(&b.y).then(a.x.total_cmp(&b.x))
         });
-        let least = if order.len() < LEAST_DIVIDED { order.len() } else { LEAST_STRIP };
-        let (mut places, mut ends, mut end) = (vec![None; self.dofs()], Vec::new(), 0);
-        let mut rest = order.as_slice();
-        while !rest.is_empty() {
-            let is_line_end = |count: usize| {
-                let next = rest.get(count).map(|&node| mesh.nodes[node].y);
-                next != Some(mesh.nodes[rest[count - 1]].y)
-            };
-            let count = (least.min(rest.len())..).find(|&count| is_line_end(count)).unwrap_or(rest.len());
-            let (strip, others) = rest.split_at(count);
-            // Where the first node of a line has its dofs at lines of the cache, so have others.
-            let stride = count.next_multiple_of(CACHE_LINE);
-            for (rank, &node) in strip.iter().enumerate() {
-                for (kind, free) in self.free[PER_NODE * node..PER_NODE * (node + 1)].iter().enumerate() {
-                    if let Some(free) = free {
-                        places[*free] = Some(end + kind * stride + rank);
-                    }
-                }
+        // Where the first node has its dofs at lines of the cache, so have others.
+        let stride = order.len().next_multiple_of(CACHE_LINE);
+        let mut places = vec![None; self.dofs()];
+        for (rank, node) in order.into_iter().enumerate() {
+            for (kind, free) in self.dofs_of(&[node]).enumerate() {
+                free.into_iter().for_each(|dof| places[dof] = Some(kind * stride + rank));
             }
-            (rest, end) = (others, end + PER_NODE * stride);
-            ends.push(end);
         }
         // Dofs that belong to no node come after all others.
-        let places = places.into_iter().map(|place| {
-            place.unwrap_or_else(|| {
-                end += 1;
-                end - 1
-            })
-        });
-        Layout::in_strips(places, ends)
+        let mut others = PER_NODE * stride..;
+        Layout::new(places.into_iter().map(|place| place.or_else(|| others.next()).unwrap_or_default()))
     }
 }
-
-/// Smallest number of nodes whose dofs are divided into strips: vectors of fewer fit into the first
-/// cache of any processor.
-const LEAST_DIVIDED: usize = 600;
-
-/// Smallest number of nodes in a strip.
-const LEAST_STRIP: usize = 48;
 
 /// Number of values in a line of the cache.
 const CACHE_LINE: usize = 8;

@@ -1,7 +1,6 @@
 //! Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
 
-use super::adder::Adder;
-use super::factor::{DistributedFactor, PetscFactor, SystemSolver};
+use super::factor::{PetscFactor, SystemSolver};
 use super::hierarchy::Hierarchy;
 use super::part::Part;
 use super::products::{CellOperator, CellProducts};
@@ -11,8 +10,8 @@ use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::dot;
 use crate::linalg::{
-    Engine, Form, Indefinite, LinearCombination, LinearMethod, LinearSolves, MOST_SPOILT, Native,
-    RowCoupling, precise_entries,
+    Engine, Factor, Form, Indefinite, LinearCombination, LinearMethod, LinearSolves, MOST_SPOILT, Native,
+    RowCoupling, SingularMassCells, precise_entries,
 };
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use faer::Mat;
@@ -38,7 +37,7 @@ pub struct Distributed {
     plex: Rc<Plex>,
     /// Interpolation from coarser meshes, where these are kept.
     hierarchy: Option<Rc<Hierarchy>>,
-    products: Rc<CellProducts>,
+    pub(super) products: Rc<CellProducts>,
     /// Systems that iterations have solved.
     solves: Rc<Cell<LinearSolves>>,
     /// Position of each local dof in global vectors; negative for a constrained dof.
@@ -153,14 +152,6 @@ impl Distributed {
         self.products.add_up(local, own)
     }
 
-    /// Creates an adder of contributions, which does not borrow the engine. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn adder(&self) -> Result<Adder> {
-        Adder::new(&self.plex, self.own)
-    }
-
     /// Assembles the matrix of a positive definite linear combination of forms. Collective.
     ///
     /// # Errors
@@ -188,12 +179,9 @@ impl Distributed {
                 columns.extend(entries.into_iter().map(|(column, _)| column));
             }
         }
-        let mut matrix = if of_subdomains {
-            let dofs: Vec<Index> = self.global.iter().copied().filter(|&dof| dof >= 0).collect();
-            Matrix::of_subdomains(&self.context, self.own, &dofs, rows, columns)?
-        } else {
-            Matrix::from_pattern(&self.context, Comm::World, [self.own; 2], rows, columns)?
-        };
+        let dofs: Vec<Index> = self.global.iter().copied().filter(|&dof| dof >= 0).collect();
+        let (sizes, dofs) = ([self.own; 2], of_subdomains.then_some(&dofs[..]));
+        let mut matrix = Matrix::from_pattern(&self.context, Comm::World, sizes, [rows, columns], dofs)?;
         let mut values = Vec::with_capacity(count);
         for range in parts {
             values.extend(self.rows(sum, range).into_iter().flatten().map(|(_, value)| value));
@@ -204,11 +192,11 @@ impl Distributed {
     }
 
     /// Factors a sum of forms with twice the digits, in full on each rank. Collective.
-    fn replicated(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
+    fn replicated(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
         let entries = precise_entries(sum, |local| usize::try_from(self.global[local]).ok());
         let own = self.first..self.first + self.own;
         let factor = ReplicatedFactor::new(&self.context, &entries, own, contact_dofs)?;
-        Ok(DistributedFactor::Replicated(Box::new(factor)))
+        Ok(Box::new(factor))
     }
 
     /// Returns the contributions of this rank's cells to some rows of a linear combination of
@@ -245,7 +233,6 @@ impl Distributed {
 }
 
 impl Engine for Distributed {
-    type Factor = DistributedFactor;
     type Comm = WorldComm;
 
     fn comm(&self) -> &WorldComm {
@@ -264,25 +251,30 @@ impl Engine for Distributed {
         self.products.with_local(x, |local| Cow::Owned(local.to_vec()))
     }
 
-    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
-        if let Form::Modal { modes, .. } = form {
-            let mut v = vec![0.0; modes.count()];
-            self.project(form, x, &mut v)?;
-            modes.project_transpose(&v, y);
-            return Ok(dot(&v, &v));
-        }
-        let value = self.products.through_cells(x, y, |x, y| self.cells().multiply(form, x, y))?;
+    fn multiply_cells(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
+        let value =
+            self.products.through_cells(x, [y], |x, [y, _]| self.cells().multiply_cells(form, x, y))?;
         Ok(self.context.comm().all_reduce_sum_unordered(value))
+    }
+
+    fn cell_velocities(&self, mass: &SingularMassCells, x: &[f64], v: &mut [f64]) -> Result<()> {
+        self.products.with_local(x, |x| self.cells().cell_velocities(mass, x, v))?
+    }
+
+    fn cell_momenta(&self, mass: &SingularMassCells, v: &[f64], y: &mut [f64]) -> Result<()> {
+        let mut local = vec![0.0; self.global.len()];
+        self.cells().cell_momenta(mass, v, &mut local)?;
+        self.add_up(&local, y)
     }
 
     fn multiply_with_magnitude(
         &self,
         sum: &LinearCombination,
         x: &[f64],
-        y: &mut [f64],
-        m: &mut [f64],
+        products: [&mut [f64]; 2],
     ) -> Result<()> {
-        self.products.with_magnitude(sum, x, y, m)
+        self.products
+            .through_cells(x, products, |x, [y, m]| self.cells().multiply_with_magnitude(sum, x, [y, m]))
     }
 
     fn multiply_with_part(
@@ -290,9 +282,11 @@ impl Engine for Distributed {
         sum: &LinearCombination,
         part: &Form,
         x: &[f64],
-        products: (&mut [f64], &mut [f64]),
+        products: [&mut [f64]; 2],
     ) -> Result<bool> {
-        self.products.with_part(sum, part, x, products)
+        let product =
+            |x: &[f64], [y, z]: &mut [Vec<f64>; 2]| self.cells().multiply_with_part(sum, part, x, [y, z]);
+        Ok(!sum.has_modes() && self.products.through_cells(x, products, product)?)
     }
 
     fn couplings(&self, sum: &LinearCombination) -> Result<Vec<RowCoupling>> {
@@ -309,52 +303,13 @@ impl Engine for Distributed {
         Ok(own)
     }
 
-    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
-        match mass {
-            Form::Cells(_) => v.copy_from_slice(x),
-            Form::SingularMassCells(_) => {
-                self.products.with_local(x, |x| self.cells().project(mass, x, v))??;
-            }
-            Form::Modal { modes, .. } => {
-                modes.project(x, v);
-                v.copy_from_slice(&self.context.comm().all_reduce_sum_slice(v));
-            }
-        }
-        Ok(())
-    }
-
-    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
-        match mass {
-            Form::Cells(_) => {
-                self.multiply(mass, v, y)?;
-            }
-            Form::SingularMassCells(_) => {
-                self.products.add_from_cells(y, |y| self.cells().project_transpose(mass, v, y))?;
-            }
-            Form::Modal { modes, .. } => modes.project_transpose(v, y),
-        }
-        Ok(())
-    }
-
-    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64> {
-        match mass {
-            Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.own]),
-            Form::SingularMassCells(_) => {
-                let own = self.cells().mass_norm_squared(mass, v)?;
-                Ok(self.context.comm().all_reduce_sum_unordered(own))
-            }
-            // Every rank has all modes.
-            Form::Modal { .. } => Ok(dot(v, v)),
-        }
-    }
-
     fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>> {
         let mut diagonal = vec![0.0; self.own];
         self.add_up(&self.cells().diagonal(sum)?, &mut diagonal)?;
         Ok(diagonal)
     }
 
-    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<DistributedFactor> {
+    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
         let linear = SystemSolver::new(&self.context, self.hierarchy.as_ref())?;
         let is_direct = linear.method() == LinearMethod::Direct;
         let mut matrix = self.symmetric_matrix(sum, matches!(linear, SystemSolver::Subdomains))?;
@@ -366,7 +321,7 @@ impl Engine for Distributed {
         let factor = PetscFactor::new(&self.plex, matrix, operator, linear, self.solves.clone());
         let mut factor = match factor {
             Err(Error::Singular(_)) if is_direct => return self.replicated(sum, contact_dofs),
-            factor => DistributedFactor::Petsc(Box::new(factor?)),
+            factor => factor?,
         };
         // How many digits MUMPS loses depends on the kernels of BLAS. What is left may do where a
         // factor with twice the digits does not fit.
@@ -378,8 +333,8 @@ impl Engine for Distributed {
                 return Ok(factor);
             }
         }
-        self.change_contact_dofs(&mut factor, sum, contact_dofs)?;
-        Ok(factor)
+        factor.set_contact_dofs(contact_dofs)?;
+        Ok(Box::new(factor))
     }
 
     fn linear_solves(&self) -> LinearSolves {
@@ -413,20 +368,5 @@ impl Engine for Distributed {
             Ok(())
         };
         Ok(Some(Indefinite { negative, solve: Box::new(solve) }))
-    }
-
-    fn change_contact_dofs(
-        &self,
-        factor: &mut DistributedFactor,
-        sum: &LinearCombination,
-        contact_dofs: &[usize],
-    ) -> Result<bool> {
-        match factor {
-            DistributedFactor::Petsc(factor) => factor.set_contact_dofs(contact_dofs).map(|()| false),
-            DistributedFactor::Replicated(_) => {
-                *factor = self.replicated(sum, contact_dofs)?;
-                Ok(true)
-            }
-        }
     }
 }

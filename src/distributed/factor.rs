@@ -4,12 +4,11 @@ use super::cascade::Cascade;
 use super::flexibility::Flexibility;
 use super::hierarchy::Hierarchy;
 use super::products::CellOperator;
-use super::replicated::ReplicatedFactor;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::vectors::{add, subtract};
-use crate::linalg::{BoundedDofs, Factor, LinearMethod, LinearSolves};
+use crate::linalg::{BoundedDofs, CascadeFactor, Factor, LinearMethod, LinearSolves};
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, MultigridLevels, Operator, Plex, Vector};
 use faer::Mat;
 use std::cell::{Cell, RefCell};
@@ -35,94 +34,6 @@ enum StoppingCriterion {
     Rough,
     /// This error in the energy norm, where the method measures that.
     UpTo(f64),
-}
-
-/// Factor of a matrix over all ranks.
-pub enum DistributedFactor {
-    /// Solver of PETSc.
-    Petsc(Box<PetscFactor>),
-    /// Factor that every rank has in full, with twice the digits.
-    Replicated(Box<ReplicatedFactor>),
-}
-
-impl DistributedFactor {
-    fn inner(&self) -> &dyn Factor {
-        match self {
-            DistributedFactor::Petsc(factor) => factor.as_ref(),
-            DistributedFactor::Replicated(factor) => factor.as_ref(),
-        }
-    }
-
-    fn inner_mut(&mut self) -> &mut dyn Factor {
-        match self {
-            DistributedFactor::Petsc(factor) => factor.as_mut(),
-            DistributedFactor::Replicated(factor) => factor.as_mut(),
-        }
-    }
-}
-
-impl Factor for DistributedFactor {
-    fn solve(&mut self, x: &mut [f64]) -> Result<()> {
-        self.inner_mut().solve(x)
-    }
-
-    fn solve_roughly(&mut self, x: &mut [f64]) -> Result<bool> {
-        self.inner_mut().solve_roughly(x)
-    }
-
-    fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
-        self.inner_mut().solve_correction(norm, x)
-    }
-
-    fn known_error(&self) -> Option<f64> {
-        self.inner().known_error()
-    }
-
-    fn prefers_pinning(&self) -> bool {
-        self.inner().prefers_pinning()
-    }
-
-    fn max_schur_error(&self) -> f64 {
-        self.inner().max_schur_error()
-    }
-
-    fn has_twice_the_digits(&self) -> bool {
-        self.inner().has_twice_the_digits()
-    }
-
-    fn schur(&self) -> &Mat<f64> {
-        self.inner().schur()
-    }
-
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
-        self.inner_mut().forward_to_schur(b, h)
-    }
-
-    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
-        self.inner_mut().back_substitute(values, x)
-    }
-
-    fn solve_schur(&self, h: &mut [f64]) {
-        self.inner().solve_schur(h);
-    }
-
-    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
-        self.inner_mut().pin(dofs)
-    }
-
-    fn find_contact(
-        &mut self,
-        b: &[f64],
-        bounded: &BoundedDofs,
-        x: &mut [f64],
-        sides: &mut [i8],
-    ) -> Result<bool> {
-        self.inner_mut().find_contact(b, bounded, x, sides)
-    }
-
-    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        self.inner_mut().archive(archive)
-    }
 }
 
 /// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
@@ -200,11 +111,6 @@ impl PetscFactor {
             solves,
             matrix,
         })
-    }
-
-    /// Replaces the contact dofs; columns of those that stay are kept.
-    pub(super) fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<()> {
-        self.flexibility.set(contact_dofs, &mut self.solver)
     }
 
     /// Solves for the right-hand side in x, with pinned dofs or without.
@@ -338,25 +244,13 @@ impl Factor for PetscFactor {
         self.solve_with(true, StoppingCriterion::Exact, x)
     }
 
-    fn solve_roughly(&mut self, x: &mut [f64]) -> Result<bool> {
-        let is_exact = !self.prefers_pinning();
-        self.solve_with(true, if is_exact { StoppingCriterion::Exact } else { StoppingCriterion::Rough }, x)?;
-        Ok(is_exact)
-    }
-
-    fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
-        let ends_early = self.prefers_pinning() && self.solver.measures_energy()?;
-        let error = if ends_early { MARGIN * norm * self.solver.tolerance()? } else { 0.0 };
-        self.solve_with(true, StoppingCriterion::UpTo(error), x)
+    fn cascade(&mut self) -> Option<&mut dyn CascadeFactor> {
+        (self.linear.method() == LinearMethod::Multigrid).then_some(self as _)
     }
 
     fn known_error(&self) -> Option<f64> {
         let iterates = self.cells.is_some() && self.solver.iterates().unwrap_or(false);
         iterates.then(|| self.solver.tolerance().unwrap_or(f64::NAN))
-    }
-
-    fn prefers_pinning(&self) -> bool {
-        self.linear.method() == LinearMethod::Multigrid
     }
 
     fn max_schur_error(&self) -> f64 {
@@ -433,6 +327,27 @@ impl Factor for PetscFactor {
         Ok(())
     }
 
+    fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<bool> {
+        self.flexibility.set(contact_dofs, &mut self.solver)?;
+        Ok(true)
+    }
+
+    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        self.flexibility.archive(&mut self.solver, archive)
+    }
+}
+
+impl CascadeFactor for PetscFactor {
+    fn solve_roughly(&mut self, x: &mut [f64]) -> Result<()> {
+        self.solve_with(true, StoppingCriterion::Rough, x)
+    }
+
+    fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
+        let ends_early = self.solver.measures_energy()?;
+        let error = if ends_early { MARGIN * norm * self.solver.tolerance()? } else { 0.0 };
+        self.solve_with(true, StoppingCriterion::UpTo(error), x)
+    }
+
     fn find_contact(
         &mut self,
         b: &[f64],
@@ -454,9 +369,5 @@ impl Factor for PetscFactor {
             self.solution.copy_to(x)?;
         }
         Ok(found.is_ok())
-    }
-
-    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        self.flexibility.archive(&mut self.solver, archive)
     }
 }

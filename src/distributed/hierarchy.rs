@@ -351,7 +351,7 @@ impl<'e> Entries<'e> {
         let context = self.fine.plex.context();
         let own = |level: &Level| Ok(level.plex.global_vector()?.local_size());
         let sizes = [own(self.fine)?, own(self.coarse)?];
-        let mut matrix = Matrix::from_pattern(context, Comm::World, sizes, self.rows, self.columns)?;
+        let mut matrix = Matrix::from_pattern(context, Comm::World, sizes, [self.rows, self.columns], None)?;
         matrix.set_values(&self.values)?;
         matrix.without_triplets()
     }

@@ -1,9 +1,9 @@
 //! Relation of a rank's part of the mesh to those of the other ranks.
 
-use super::adder::Adder;
 use super::engine::Distributed;
 use super::own_mesh::sum_at_nodes;
 use super::part::Part;
+use super::products::CellProducts;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::partition::Partition;
@@ -19,7 +19,7 @@ pub struct MeshPart {
     own_dofs: Rc<[Option<usize>]>,
     /// Whether this rank owns each node.
     own_nodes: Rc<[bool]>,
-    adder: Rc<Adder>,
+    products: Rc<CellProducts>,
 }
 
 impl MeshPart {
@@ -33,7 +33,7 @@ impl MeshPart {
             plex: part.plex.clone(),
             own_dofs: (0..part.space.dofs()).map(|local| engine.own_dof(local)).collect(),
             own_nodes: part.owns.as_slice().into(),
-            adder: Rc::new(engine.adder()?),
+            products: engine.products.clone(),
         })
     }
 }
@@ -54,7 +54,9 @@ impl Partition for MeshPart {
     }
 
     fn add_up(&self, local: &[f64]) -> Result<Vec<f64>> {
-        self.adder.add_up(local)
+        let mut sums = vec![0.0; self.own_dofs.iter().flatten().count()];
+        self.products.add_up(local, &mut sums)?;
+        Ok(sums)
     }
 
     fn sum_at_nodes(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {

@@ -4,7 +4,6 @@
 //! all parts: products cell by cell, factors and solves by PETSc. [`MeshPart`] relates the dofs and
 //! nodes of a part to those of the engine and of the other ranks.
 
-mod adder;
 mod cascade;
 mod engine;
 mod factor;
@@ -16,9 +15,8 @@ mod part;
 mod products;
 mod replicated;
 
-pub use adder::Adder;
 pub use engine::Distributed;
-pub use factor::{DistributedFactor, PetscFactor};
+pub use factor::PetscFactor;
 pub use hierarchy::Hierarchy;
 pub use mesh_part::MeshPart;
 pub use own_mesh::sum_at_nodes;

@@ -16,6 +16,7 @@ pub(super) struct CellProducts {
     /// Native engine of this rank's cells, on local vectors.
     pub cells: Native,
     work: RefCell<Work>,
+    sums: RefCell<[Vec<f64>; 2]>,
 }
 
 struct Work {
@@ -25,8 +26,6 @@ struct Work {
     /// Output of products in local vectors.
     given: Vector,
     x: Vec<f64>,
-    y: Vec<f64>,
-    m: Vec<f64>,
 }
 
 impl Work {
@@ -36,20 +35,14 @@ impl Work {
         plex.to_local(&self.global, &mut self.read)?;
         self.read.copy_to(&mut self.x)
     }
-}
 
-/// Adds up the values of all ranks at their local dofs.
-fn to_owners(
-    plex: &Plex,
-    values: &[f64],
-    own: &mut [f64],
-    all: &mut Vector,
-    local: &mut Vector,
-) -> Result<()> {
-    local.set_local(values)?;
-    all.fill(0.0)?;
-    plex.add_to_global(local, all)?;
-    all.copy_to(own)
+    /// Adds up the values of all ranks at their local dofs.
+    fn add_up(&mut self, plex: &Plex, values: &[f64], own: &mut [f64]) -> Result<()> {
+        self.given.set_local(values)?;
+        self.global.fill(0.0)?;
+        plex.add_to_global(&self.given, &mut self.global)?;
+        self.global.copy_to(own)
+    }
 }
 
 impl CellProducts {
@@ -57,41 +50,31 @@ impl CellProducts {
     /// number of its local dofs. Collective.
     pub fn new(plex: Rc<Plex>, cells: Native, local: usize) -> Result<CellProducts> {
         let (global, read, given) = (plex.global_vector()?, plex.local_vector()?, plex.local_vector()?);
-        let zeros = || vec![0.0; local];
-        let work = RefCell::new(Work { global, read, given, x: zeros(), y: zeros(), m: zeros() });
-        Ok(CellProducts { plex, cells, work })
+        let [x, y, m] = [(); 3].map(|()| vec![0.0; local]);
+        let work = RefCell::new(Work { global, read, given, x });
+        Ok(CellProducts { plex, cells, work, sums: RefCell::new([y, m]) })
     }
 
     /// Adds up the contributions of all ranks over their local dofs. Collective.
     pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
-        let Work { global, given, .. } = &mut *self.work.borrow_mut();
-        to_owners(&self.plex, local, own, global, given)
+        self.work.borrow_mut().add_up(&self.plex, local, own)
     }
 
-    /// Calls a function with the values of a vector at this rank's local dofs, which it reads, and
-    /// with local values to write, which are added up into `y` afterwards. Collective.
-    pub fn through_cells<R>(
+    /// Passes the values of a vector at this rank's local dofs to products with local vectors, and
+    /// adds these up over the ranks. Collective.
+    pub fn through_cells<R, const N: usize>(
         &self,
         x: &[f64],
-        y: &mut [f64],
-        product: impl FnOnce(&[f64], &mut [f64]) -> Result<R>,
+        own: [&mut [f64]; N],
+        product: impl FnOnce(&[f64], &mut [Vec<f64>; 2]) -> Result<R>,
     ) -> Result<R> {
-        let work = &mut *self.work.borrow_mut();
+        let (work, sums) = (&mut *self.work.borrow_mut(), &mut *self.sums.borrow_mut());
         work.read(&self.plex, x)?;
-        let result = product(&work.x, &mut work.y)?;
-        to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)?;
+        let result = product(&work.x, sums)?;
+        for (sum, own) in sums.iter().zip(own) {
+            work.add_up(&self.plex, sum, own)?;
+        }
         Ok(result)
-    }
-
-    /// Calls a function with local values to write, which are added up into `y`. Collective.
-    pub fn add_from_cells(
-        &self,
-        y: &mut [f64],
-        product: impl FnOnce(&mut [f64]) -> Result<()>,
-    ) -> Result<()> {
-        let work = &mut *self.work.borrow_mut();
-        product(&mut work.y)?;
-        to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)
     }
 
     /// Calls a function with the values of a vector at this rank's local dofs. Collective.
@@ -99,39 +82,6 @@ impl CellProducts {
         let work = &mut *self.work.borrow_mut();
         work.read(&self.plex, x)?;
         Ok(read(&work.x))
-    }
-
-    /// Computes y = A x and m = |A| |x|; see [`Engine::multiply_with_magnitude`]. Collective.
-    pub fn with_magnitude(
-        &self,
-        sum: &LinearCombination,
-        x: &[f64],
-        y: &mut [f64],
-        m: &mut [f64],
-    ) -> Result<()> {
-        let work = &mut *self.work.borrow_mut();
-        work.read(&self.plex, x)?;
-        self.cells.multiply_with_magnitude(sum, &work.x, &mut work.y, &mut work.m)?;
-        to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)?;
-        to_owners(&self.plex, &work.m, m, &mut work.global, &mut work.given)
-    }
-
-    /// Computes y = A x and z = `part` x; see [`Engine::multiply_with_part`]. Collective.
-    pub fn with_part(
-        &self,
-        sum: &LinearCombination,
-        part: &Form,
-        x: &[f64],
-        (y, z): (&mut [f64], &mut [f64]),
-    ) -> Result<bool> {
-        let work = &mut *self.work.borrow_mut();
-        work.read(&self.plex, x)?;
-        let is_known = self.cells.multiply_with_part(sum, part, &work.x, (&mut work.y, &mut work.m))?;
-        if is_known {
-            to_owners(&self.plex, &work.y, y, &mut work.global, &mut work.given)?;
-            to_owners(&self.plex, &work.m, z, &mut work.global, &mut work.given)?;
-        }
-        Ok(is_known)
     }
 }
 
@@ -148,7 +98,7 @@ impl CellOperator {
     /// copies of the forms, which share the arrays of their cells. Returns `None` where a form is
     /// the mass of modes, which has no cells.
     pub fn new(products: &Rc<CellProducts>, own: usize, sum: &LinearCombination) -> Option<CellOperator> {
-        if sum.terms().iter().any(|(_, form)| matches!(form, Form::Modal { .. })) {
+        if sum.has_modes() {
             return None;
         }
         let terms = sum.terms().iter().map(|(weight, form)| (*weight, (*form).clone())).collect();
@@ -171,7 +121,7 @@ impl CellOperator {
     /// Computes y = A x over the dofs that this rank owns. Collective.
     pub fn apply(&mut self, x: &[f64], y: &mut [f64]) -> Result<()> {
         let CellOperator { products, terms, product, .. } = self;
-        products.through_cells(x, y, |x, y| {
+        products.through_cells(x, [y], |x, [y, _]| {
             y.fill(0.0);
             for (weight, form) in terms {
                 products.cells.multiply(form, x, product)?;

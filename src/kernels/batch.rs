@@ -1,14 +1,13 @@
 //! Batches of eight cells.
 //!
-//! A batch gathers its local dofs from a work space with strips of vectors in layout order.
+//! A batch gathers its local dofs from vectors in layout order.
 
 use super::BARE;
 use super::lane_mask::LaneMask;
 use super::lane_values::{LANES, Lanes};
 use super::layout::Layout;
-use super::turns::Turns;
 use pulp::Simd;
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::rc::Rc;
 
 /// Cell of a form: its free dofs and its class. Cells of one class have the same local values.
@@ -28,7 +27,7 @@ pub(crate) struct Batch {
     places: Places,
 }
 
-/// Places of local dofs in the work space; positions in layout order until they are known.
+/// Positions of local dofs in layout order.
 #[derive(Debug)]
 enum Places {
     Row(RowPlaces),
@@ -70,29 +69,6 @@ impl RowPlaces {
             }
         }
         RowPlaces { used: LaneMask::of(used), starts, pairs, singles }
-    }
-}
-
-impl Places {
-    /// Calls `visit` with the place of each local dof; in a row, with that in the first lane.
-    fn for_each(&self, mut visit: impl FnMut(u32)) {
-        match self {
-            Places::Row(row) => row.starts.iter().copied().for_each(visit),
-            Places::Scattered(places) => places.iter().flatten().for_each(|place| visit(*place)),
-        }
-    }
-
-    /// Returns these local dofs at other places.
-    fn moved(&self, to: impl Fn(u32) -> u32) -> Places {
-        match self {
-            Places::Row(row) => {
-                let used = std::array::from_fn(|lane| row.used.holds(lane));
-                Places::Row(RowPlaces::new(used, row.starts.iter().map(|start| to(*start)).collect()))
-            }
-            Places::Scattered(places) => {
-                Places::Scattered(places.iter().map(|places| places.map(&to)).collect())
-            }
-        }
     }
 }
 
@@ -182,14 +158,12 @@ impl<'a> Row<'a> {
         let lane = pairs().find_map(|(start, place)| place?.checked_sub(start?));
         let next = self.lanes.last().map_or(0, |(lane, _)| lane + 1);
         let Some(lane) = lane.filter(|&lane| (next..LANES).contains(&(lane as usize))) else { return false };
-        let is_one_strip = |start: u32| self.layout.are_in_one_strip(start, start + lane);
         let fits = pairs().all(|(start, place)| match (start, place) {
-            (Some(start), Some(place)) => place == start + lane && is_one_strip(start),
+            (Some(start), Some(place)) => place == start + lane,
             // A dof that is held reads as zero, so no other dof may have its position.
-            (Some(start), None) => self.layout.is_free(start + lane) && is_one_strip(start),
+            (Some(start), None) => self.layout.is_free(start + lane),
             (None, Some(place)) => place.checked_sub(lane).is_some_and(|start| {
-                is_one_strip(start)
-                    && self.lanes.iter().all(|&(lane, _)| self.layout.is_free(start + lane as u32))
+                self.lanes.iter().all(|&(lane, _)| self.layout.is_free(start + lane as u32))
             }),
             (None, None) => true,
         });
@@ -208,9 +182,7 @@ impl<'a> Row<'a> {
 pub(crate) struct Batches {
     cells: Vec<Cell>,
     /// Batches of eight cells.
-    pub list: Vec<Batch>,
-    /// Order in which they are multiplied.
-    pub turns: Turns,
+    list: Vec<Batch>,
     /// Cells whose local values make up each panel, lane by lane.
     panels: Vec<[usize; LANES]>,
     /// Largest number of local dofs.
@@ -225,8 +197,7 @@ impl Batches {
     /// a time. What is left of all classes is packed into batches that have a panel each.
     pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
         let width = cells.iter().map(|(dofs, _)| dofs.len()).max().unwrap_or(0);
-        let turns = Turns { list: Vec::new(), size: 0 };
-        let mut batches = Batches { cells, list: Vec::new(), turns, panels: Vec::new(), width };
+        let mut batches = Batches { cells, list: Vec::new(), panels: Vec::new(), width };
         let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
         for (number, (dofs, class)) in batches.cells.iter().enumerate() {
             classes.entry((dofs.len(), *class)).or_default().push(number);
@@ -257,37 +228,21 @@ impl Batches {
                 batches.scatter(layout, panel, chunk);
             }
         }
-        batches.take_turns(layout);
+        batches.list.sort_by_cached_key(|batch| batch.cells.iter().min().copied());
         batches
     }
 
-    /// Sorts the batches by the first strip of positions that each needs, and gives their local
-    /// dofs places in the work space.
-    fn take_turns(&mut self, layout: &Layout) {
-        let strips_of = |batch: &Batch| {
-            let mut strips = BTreeSet::new();
-            batch.places.for_each(|place| {
-                if place < layout.nowhere() {
-                    strips.insert(layout.strip_of(place));
-                }
-            });
-            strips
-        };
-        let first_cell = |batch: &Batch| batch.cells.iter().min().copied();
-        self.list.sort_by_cached_key(|batch| (strips_of(batch).first().copied(), first_cell(batch)));
-        let strips: Vec<_> = layout.strips().collect();
-        let needs: Vec<_> = self.list.iter().map(strips_of).collect();
-        self.turns = Turns::new(&strips, &needs, |batch, starts| {
-            let Batch { places, .. } = &mut self.list[batch];
-            let in_work_space = |place: u32| {
-                if place >= layout.nowhere() {
-                    return 0;
-                }
-                let strip = layout.strip_of(place);
-                starts[strip] as u32 + place - strips[strip].start
-            };
-            *places = places.moved(in_work_space);
-        });
+    /// Calls a product with each batch and its number of dofs. The compiler unrolls the loops of the
+    /// product for the numbers of dofs that plate elements have.
+    #[inline(always)]
+    pub fn for_each(&self, mut product: impl FnMut(&Batch, usize)) {
+        for batch in &self.list {
+            match batch.size() {
+                9 => product(batch, 9),
+                12 => product(batch, 12),
+                size => product(batch, size),
+            }
+        }
     }
 
     /// Returns the numbers of the cells of each panel.

@@ -6,11 +6,8 @@
 use super::ElementMatrix;
 use super::batch::{Batch, Batches};
 use super::lane_values::{LANES, Lanes, interleave};
-use super::layout::Layout;
-use super::scratch::Room;
 use super::strains::Strains;
-use super::turns::Turn;
-use super::workspace::Strips;
+use super::workspace::Room;
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -194,59 +191,5 @@ impl CellForm {
     /// Returns the cells' contributions, for assembly.
     pub fn blocks(&self) -> &[ElementMatrix] {
         &self.blocks
-    }
-
-    /// Sets y, if it is wanted, to A x and returns x^T A x.
-    #[inline(always)]
-    pub(crate) fn multiply<S: Simd>(
-        &self,
-        simd: S,
-        layout: &Layout,
-        x: &[f64],
-        mut y: Option<&mut [f64]>,
-        mut strips: Strips,
-    ) -> f64 {
-        let mut form = Lanes::default();
-        let is_wanted = y.is_some();
-        for turn in &self.batches.turns.list {
-            match turn {
-                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
-                Turn::Multiply(batches) => {
-                    for batch in &self.batches.list[batches.clone()] {
-                        form += match batch.size() {
-                            9 => self.multiply_batch(simd, batch, &mut strips, is_wanted, 9),
-                            12 => self.multiply_batch(simd, batch, &mut strips, is_wanted, 12),
-                            size => self.multiply_batch(simd, batch, &mut strips, is_wanted, size),
-                        };
-                    }
-                }
-                Turn::Leave(slot) => {
-                    if let Some(y) = &mut y {
-                        layout.take::<_, false>(simd, slot, strips.y, y);
-                    }
-                }
-            }
-        }
-        form.sum()
-    }
-
-    /// Adds the product of one batch, if it is wanted. The compiler unrolls its loops for the
-    /// numbers of dofs that plate elements have.
-    #[inline(always)]
-    fn multiply_batch<S: Simd>(
-        &self,
-        simd: S,
-        batch: &Batch,
-        strips: &mut Strips,
-        is_wanted: bool,
-        size: usize,
-    ) -> Lanes {
-        let (local, Room { result, .. }) = strips.scratch.split(size);
-        batch.gather(strips.x, local);
-        let form = self.panel(batch).apply(simd, local, result);
-        if is_wanted {
-            batch.scatter(simd, [result], [strips.y]);
-        }
-        form
     }
 }

@@ -1,9 +1,9 @@
 //! Kernels: inner loops over cells and vectors, in the widest registers of the processor.
 //!
 //! All that is fast and hard to read stands behind this door. Forms are stored cell by cell and
-//! multiplied eight cells at a time: `batch` groups the cells, `layout` orders the vectors,
-//! `turns` keeps what a product works on in the first cache, and `cells`, `strains` and
-//! `singular_mass` multiply. `lanes`, `wide` and `simd` have loops over vectors.
+//! multiplied eight cells at a time: `batch` groups the cells, `layout` orders the vectors, and
+//! `cells`, `strains` and `singular_mass` multiply. `lanes`, `wide` and `simd` have loops over
+//! vectors.
 
 pub(crate) mod batch;
 pub(crate) mod cells;
@@ -12,11 +12,9 @@ pub(crate) mod lane_mask;
 pub(crate) mod lane_values;
 pub(crate) mod lanes;
 pub(crate) mod layout;
-pub(crate) mod scratch;
 pub(crate) mod simd;
 pub(crate) mod singular_mass;
 pub(crate) mod strains;
-pub(crate) mod turns;
 pub(crate) mod wide;
 pub(crate) mod workspace;
 

@@ -4,9 +4,7 @@ use super::SingularMassCell;
 use super::batch::{Batch, Batches};
 use super::lane_values::{LANES, Lanes, interleave};
 use super::layout::Layout;
-use super::scratch::Room;
-use super::turns::Turn;
-use super::workspace::Strips;
+use super::workspace::{Room, Space};
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -59,12 +57,12 @@ impl MassPanel {
         }
     }
 
-    /// Computes result = scale M local and returns local^T M local.
+    /// Computes result = M local and returns local^T M local.
     #[inline(always)]
-    pub fn apply<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+    pub fn apply<S: Simd>(&self, simd: S, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
         let momentum = self.momentum(simd, local);
         let velocity = momentum * self.inverse;
-        self.spread(simd, scale * velocity, result);
+        self.spread(simd, velocity, result);
         momentum * velocity
     }
 
@@ -132,41 +130,6 @@ impl SingularMassCells {
         &self.masses
     }
 
-    /// Sets y, if it is wanted, to M x and returns x^T M x.
-    #[inline(always)]
-    pub(crate) fn multiply<S: Simd>(
-        &self,
-        simd: S,
-        layout: &Layout,
-        x: &[f64],
-        mut y: Option<&mut [f64]>,
-        strips: Strips,
-    ) -> f64 {
-        let mut form = Lanes::default();
-        let is_wanted = y.is_some();
-        for turn in &self.batches.turns.list {
-            match turn {
-                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
-                Turn::Multiply(batches) => {
-                    for batch in &self.batches.list[batches.clone()] {
-                        let (local, Room { result, .. }) = strips.scratch.split(batch.size());
-                        batch.gather(strips.x, local);
-                        form += self.panel(batch).apply(simd, 1.0, local, result);
-                        if is_wanted {
-                            batch.scatter(simd, [result], [strips.y]);
-                        }
-                    }
-                }
-                Turn::Leave(slot) => {
-                    if let Some(y) = &mut y {
-                        layout.take::<_, false>(simd, slot, strips.y, y);
-                    }
-                }
-            }
-        }
-        form.sum()
-    }
-
     /// Computes V = C^-1 B x.
     #[inline(always)]
     pub(crate) fn project<S: Simd>(
@@ -175,27 +138,23 @@ impl SingularMassCells {
         layout: &Layout,
         x: &[f64],
         v: &mut [f64],
-        strips: Strips,
+        mut space: Space,
     ) {
-        for turn in &self.batches.turns.list {
-            match turn {
-                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
-                Turn::Multiply(batches) => {
-                    for batch in &self.batches.list[batches.clone()] {
-                        let (local, _) = strips.scratch.split(batch.size());
-                        batch.gather(strips.x, local);
-                        let panel = self.panel(batch);
-                        let velocities = panel.momentum(simd, local) * panel.inverse;
-                        for (velocity, &cell) in velocities.0.iter().zip(&batch.cells) {
-                            if let Some(v) = v.get_mut(cell as usize) {
-                                *v = *velocity;
-                            }
-                        }
+        layout.lay_out(simd, x, space.x);
+        self.batches.for_each(
+            #[inline(always)]
+            |batch, size| {
+                let (local, _) = space.scratch.split(size);
+                batch.gather(space.x, local);
+                let panel = self.panel(batch);
+                let velocities = panel.momentum(simd, local) * panel.inverse;
+                for (velocity, &cell) in velocities.0.iter().zip(&batch.cells) {
+                    if let Some(v) = v.get_mut(cell as usize) {
+                        *v = *velocity;
                     }
                 }
-                Turn::Leave(_) => {}
-            }
-        }
+            },
+        );
     }
 
     /// Computes y = B^T V.
@@ -206,27 +165,17 @@ impl SingularMassCells {
         layout: &Layout,
         v: &[f64],
         y: &mut [f64],
-        strips: Strips,
+        mut space: Space,
     ) {
-        for turn in &self.batches.turns.list {
-            match turn {
-                Turn::Enter(_) => {}
-                Turn::Multiply(batches) => {
-                    for batch in &self.batches.list[batches.clone()] {
-                        let (_, Room { result, .. }) = strips.scratch.split(batch.size());
-                        let of = |cell: u32| v.get(cell as usize).copied().unwrap_or(0.0);
-                        let velocities = Lanes(batch.cells.map(of));
-                        self.panel(batch).spread(simd, velocities, result);
-                        batch.scatter(simd, [result], [strips.y]);
-                    }
-                }
-                Turn::Leave(slot) => layout.take::<_, false>(simd, slot, strips.y, y),
-            }
-        }
-    }
-
-    /// Returns V^T C V, twice the kinetic energy.
-    pub(crate) fn mass_norm_squared(&self, v: &[f64]) -> f64 {
-        self.masses.iter().zip(v).map(|(c, v)| c * v * v).sum()
+        self.batches.for_each(
+            #[inline(always)]
+            |batch, size| {
+                let (_, Room { result, .. }) = space.scratch.split(size);
+                let velocity = |cell: u32| v.get(cell as usize).copied().unwrap_or(0.0);
+                self.panel(batch).spread(simd, Lanes(batch.cells.map(velocity)), result);
+                batch.scatter(simd, [result], [space.y]);
+            },
+        );
+        layout.take(simd, space.y, y);
     }
 }

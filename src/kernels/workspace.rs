@@ -1,70 +1,74 @@
 //! Work space of the products of one engine.
 
 use super::batch::Batches;
-use super::lane_values::LANES;
+use super::lane_values::{LANES, Lanes};
 use super::layout::Layout;
-use super::scratch::Scratch;
-use super::turns::Slot;
-use pulp::Simd;
 
-/// Strips of vectors in layout order, where [`super::turns`] have their slots, and scratch space
-/// for the local vectors of the cells.
-#[derive(Debug, Default)]
+/// Vectors in layout order, and scratch space for the local vectors of a batch.
+#[derive(Debug)]
 pub(crate) struct Workspace {
     x: Vec<f64>,
     sums: [Vec<f64>; 2],
-    scratch: Scratch,
+    lanes: Vec<Lanes>,
 }
 
-/// The operand x of a product and up to two sums y and z. Between products the sums are zero.
-pub(crate) struct Strips<'a> {
+/// The operand x of a product and up to two sums y and z. Between products the sums are zero at all
+/// dofs; the operand is always zero at positions without a dof.
+pub(crate) struct Space<'a> {
     pub x: &'a mut [f64],
     pub y: &'a mut [f64],
     pub z: &'a mut [f64],
-    pub scratch: &'a mut Scratch,
+    pub scratch: Scratch<'a>,
+}
+
+/// Scratch space for the local vectors of one batch.
+pub(crate) struct Scratch<'a>(&'a mut [Lanes]);
+
+/// Scratch vectors beside the cells' own dofs.
+pub(crate) struct Room<'a> {
+    pub work: &'a mut [Lanes],
+    pub result: &'a mut [Lanes],
+    pub y: &'a mut [Lanes],
+    pub m: &'a mut [Lanes],
 }
 
 impl Workspace {
-    /// Makes room for products with some batches.
-    pub fn reserve(&mut self, batches: &Batches) {
-        self.scratch.reserve(batches.width);
-        let size = batches.turns.size + LANES;
-        let [y, z] = &mut self.sums;
-        for vector in [&mut self.x, y, z] {
-            if vector.len() < size {
-                // Lines of the cache may begin at another entry of a longer vector. Entries copied
-                // into it could then lie at places that must be zero.
-                *vector = vec![0.0; size];
-            }
-        }
+    /// Creates the work space for vectors of a layout.
+    pub fn new(layout: &Layout) -> Workspace {
+        // Rows use up to nine positions from the first one that no dof has; others align them.
+        let zeros = || vec![0.0; layout.nowhere() as usize + 3 * LANES];
+        Workspace { x: zeros(), sums: [zeros(), zeros()], lanes: Vec::new() }
     }
 
-    /// Returns all strips.
+    /// Makes room for products with some batches.
+    pub fn reserve(&mut self, batches: &Batches) {
+        self.lanes.resize((5 * batches.width).max(self.lanes.len()), Lanes::default());
+    }
+
+    /// Returns all vectors.
     #[inline(always)]
-    pub fn strips(&mut self) -> Strips<'_> {
+    pub fn space(&mut self) -> Space<'_> {
         let [y, z] = &mut self.sums;
-        Strips { x: aligned(&mut self.x), y: aligned(y), z: aligned(z), scratch: &mut self.scratch }
+        Space { x: aligned(&mut self.x), y: aligned(y), z: aligned(z), scratch: Scratch(&mut self.lanes) }
     }
 }
 
-impl Strips<'_> {
-    /// Moves the sums y and z of a strip to two vectors, or adds them there, and leaves zeros.
+impl Room<'_> {
     #[inline(always)]
-    pub fn take_both<S: Simd>(
-        &mut self,
-        simd: S,
-        layout: &Layout,
-        slot: &Slot,
-        is_first: bool,
-        to: (&mut [f64], &mut [f64]),
-    ) {
-        if is_first {
-            layout.take::<_, false>(simd, slot, self.y, to.0);
-            layout.take::<_, false>(simd, slot, self.z, to.1);
-        } else {
-            layout.take::<_, true>(simd, slot, self.y, to.0);
-            layout.take::<_, true>(simd, slot, self.z, to.1);
-        }
+    pub fn reborrow(&mut self) -> Room<'_> {
+        Room { work: self.work, result: self.result, y: self.y, m: self.m }
+    }
+}
+
+impl Scratch<'_> {
+    /// Returns the cells' own dofs and the other vectors, of `size` dofs each.
+    #[inline(always)]
+    pub fn split(&mut self, size: usize) -> (&mut [Lanes], Room<'_>) {
+        let (local, rest) = self.0[..5 * size].split_at_mut(size);
+        let (work, rest) = rest.split_at_mut(size);
+        let (result, rest) = rest.split_at_mut(size);
+        let (y, m) = rest.split_at_mut(size);
+        (local, Room { work, result, y, m })
     }
 }
 

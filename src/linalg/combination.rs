@@ -33,6 +33,11 @@ impl<'a> LinearCombination<'a> {
     pub fn terms(&self) -> &[(f64, &'a Form)] {
         &self.terms
     }
+
+    /// Returns whether a mass of modes is among the forms.
+    pub(crate) fn has_modes(&self) -> bool {
+        self.terms.iter().any(|(_, form)| matches!(form, Form::Modal { .. }))
+    }
 }
 
 impl<'a> From<&'a Form> for LinearCombination<'a> {

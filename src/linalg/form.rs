@@ -6,10 +6,8 @@ use crate::kernels::cells::CellForm;
 use crate::kernels::double_double::DoubleDouble;
 use crate::kernels::lane_values::Lanes;
 use crate::kernels::layout::Layout;
-use crate::kernels::scratch::Room;
 use crate::kernels::singular_mass::SingularMassCells;
-use crate::kernels::turns::Turn;
-use crate::kernels::workspace::Strips;
+use crate::kernels::workspace::{Room, Space};
 use pulp::Simd;
 use std::rc::Rc;
 
@@ -46,20 +44,28 @@ impl Form {
         }
     }
 
-    /// Calls `visit(row, column, entry)` for the lower triangle of each cell's contribution.
-    pub fn for_each_lower(&self, mut visit: impl FnMut(usize, usize, f64)) {
+    /// Calls `visit` with the dofs of each cell and the entries of its local matrix.
+    pub(super) fn for_each_cell(
+        &self,
+        mut visit: impl FnMut(&[Option<usize>], &dyn Fn(usize, usize) -> f64),
+    ) {
         match self {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
                 for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
-                    visit_lower(dofs, |i, j| matrix[i * dofs.len() + j], &mut visit);
+                    visit(dofs, &|i, j| matrix[i * dofs.len() + j]);
                 }
             }
             Form::SingularMassCells(averages) => {
                 for SingularMassCell { dofs, row, mass, .. } in averages.rows() {
-                    visit_lower(dofs, |i, j| row[i] * row[j] / mass, &mut visit);
+                    visit(dofs, &|i, j| row[i] * row[j] / mass);
                 }
             }
         }
+    }
+
+    /// Calls `visit(row, column, entry)` for the lower triangle of each cell's contribution.
+    pub fn for_each_lower(&self, mut visit: impl FnMut(usize, usize, f64)) {
+        self.for_each_cell(|dofs, entry| visit_lower(dofs, entry, &mut visit));
     }
 
     /// Calls `visit` as [`Form::for_each_lower`] does, in double-double arithmetic: these are the
@@ -96,6 +102,17 @@ impl Form {
             Form::SingularMassCells(averages) => averages.batches(),
         }
     }
+
+    /// Computes the products of a batch with its local vectors and returns their forms x^T A x.
+    #[inline(always)]
+    fn apply<S: Simd>(&self, simd: S, batch: &Batch, local: &[Lanes], result: &mut [Lanes]) -> Lanes {
+        match self {
+            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
+                cells.panel(batch).apply(simd, local, result)
+            }
+            Form::SingularMassCells(averages) => averages.panel(batch).apply(simd, local, result),
+        }
+    }
 }
 
 /// Calls `visit` for the entries of a cell's matrix that lie in the global lower triangle.
@@ -119,6 +136,31 @@ fn by_cells<'a, 'f>(sum: &'a [(f64, &'f Form)]) -> impl Iterator<Item = &'a [(f6
     sum.chunk_by(|(_, a), (_, b)| Rc::ptr_eq(a.batches(), b.batches()))
 }
 
+/// Sets y to A x and returns x^T A x.
+#[inline(always)]
+pub(super) fn multiply<S: Simd>(
+    simd: S,
+    layout: &Layout,
+    form: &Form,
+    x: &[f64],
+    y: &mut [f64],
+    mut space: Space,
+) -> f64 {
+    layout.lay_out(simd, x, space.x);
+    let mut square = Lanes::default();
+    form.batches().for_each(
+        #[inline(always)]
+        |batch, size| {
+            let (local, Room { result, .. }) = space.scratch.split(size);
+            batch.gather(space.x, local);
+            square += form.apply(simd, batch, local, result);
+            batch.scatter(simd, [result], [space.y]);
+        },
+    );
+    layout.take(simd, space.y, y);
+    square.sum()
+}
+
 /// Sets y to A x and m to |A| |x| for a sum of forms. Successive forms over the same cells are
 /// applied in one pass over their batches.
 #[inline(always)]
@@ -127,58 +169,34 @@ pub(super) fn multiply_with_magnitude<S: Simd>(
     layout: &Layout,
     sum: &[(f64, &Form)],
     x: &[f64],
-    (y, m): (&mut [f64], &mut [f64]),
-    mut strips: Strips,
+    [y, m]: [&mut [f64]; 2],
+    mut space: Space,
 ) {
-    if sum.is_empty() {
-        y.fill(0.0);
-        m.fill(0.0);
-    }
-    for (number, forms) in by_cells(sum).enumerate() {
-        let batches = forms[0].1.batches();
-        for turn in &batches.turns.list {
-            match turn {
-                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
-                Turn::Multiply(range) => {
-                    for batch in &batches.list[range.clone()] {
-                        match batch.size() {
-                            9 => add_batch_with_magnitude(simd, batch, forms, &mut strips, 9),
-                            12 => add_batch_with_magnitude(simd, batch, forms, &mut strips, 12),
-                            size => add_batch_with_magnitude(simd, batch, forms, &mut strips, size),
+    layout.lay_out(simd, x, space.x);
+    for forms in by_cells(sum) {
+        forms[0].1.batches().for_each(
+            #[inline(always)]
+            |batch, size| {
+                let (local, mut room) = space.scratch.split(size);
+                batch.gather(space.x, local);
+                room.y.fill(Lanes::default());
+                room.m.fill(Lanes::default());
+                for &(scale, form) in forms {
+                    match form {
+                        Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
+                            cells.panel(batch).add_with_magnitude(simd, scale, local, room.reborrow());
+                        }
+                        Form::SingularMassCells(averages) => {
+                            averages.panel(batch).add_with_magnitude(scale, local, room.y, room.m);
                         }
                     }
                 }
-                Turn::Leave(slot) => strips.take_both(simd, layout, slot, number == 0, (y, m)),
-            }
-        }
+                batch.scatter(simd, [room.y, room.m], [space.y, space.z]);
+            },
+        );
     }
-}
-
-/// Adds the products of one batch to y and their magnitudes to z. The compiler unrolls its loops
-/// for the numbers of dofs that plate elements have.
-#[inline(always)]
-fn add_batch_with_magnitude<S: Simd>(
-    simd: S,
-    batch: &Batch,
-    forms: &[(f64, &Form)],
-    strips: &mut Strips,
-    size: usize,
-) {
-    let (local, mut room) = strips.scratch.split(size);
-    batch.gather(strips.x, local);
-    room.y.fill(Lanes::default());
-    room.m.fill(Lanes::default());
-    for &(scale, form) in forms {
-        match form {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.panel(batch).add_with_magnitude(simd, scale, local, room.reborrow());
-            }
-            Form::SingularMassCells(averages) => {
-                averages.panel(batch).add_with_magnitude(scale, local, room.y, room.m);
-            }
-        }
-    }
-    batch.scatter(simd, [room.y, room.m], [strips.y, strips.z]);
+    layout.take(simd, space.y, y);
+    layout.take(simd, space.z, m);
 }
 
 /// Sets z to `part` x, with `part` one form of a sum, and y to A x with the sum. Successive forms
@@ -189,72 +207,47 @@ pub(super) fn multiply_with_part<S: Simd>(
     layout: &Layout,
     (sum, part): (&[(f64, &Form)], &Form),
     x: &[f64],
-    (y, z): (&mut [f64], &mut [f64]),
-    mut strips: Strips,
+    [y, z]: [&mut [f64]; 2],
+    mut space: Space,
 ) {
-    if sum.is_empty() {
-        y.fill(0.0);
-        z.fill(0.0);
+    let is_part = |form: &Form| std::ptr::eq(form, part);
+    layout.lay_out(simd, x, space.x);
+    for forms in by_cells(sum) {
+        forms[0].1.batches().for_each(
+            #[inline(always)]
+            |batch, size| add_batch_with_part(simd, batch, (forms, part), &mut space, size),
+        );
     }
-    let weights = sum.iter().filter(|(_, form)| std::ptr::eq(*form, part));
+    let weights = sum.iter().filter(|(_, form)| is_part(form));
     let weight: f64 = weights.map(|(weight, _)| weight).sum();
-    for (number, forms) in by_cells(sum).enumerate() {
-        let batches = forms[0].1.batches();
-        for turn in &batches.turns.list {
-            match turn {
-                Turn::Enter(slot) => layout.lay_out(simd, slot, x, strips.x),
-                Turn::Multiply(range) => {
-                    for batch in &batches.list[range.clone()] {
-                        match batch.size() {
-                            9 => add_batch_with_part(simd, batch, (forms, part), &mut strips, 9),
-                            12 => add_batch_with_part(simd, batch, (forms, part), &mut strips, 12),
-                            size => add_batch_with_part(simd, batch, (forms, part), &mut strips, size),
-                        }
-                    }
-                }
-                Turn::Leave(slot) => {
-                    for (sum, part) in strips.y[slot.places()].iter_mut().zip(&strips.z[slot.places()]) {
-                        *sum += weight * part;
-                    }
-                    strips.take_both(simd, layout, slot, number == 0, (y, z));
-                }
-            }
-        }
-    }
+    space.y.iter_mut().zip(&*space.z).for_each(|(sum, part)| *sum += weight * part);
+    layout.take(simd, space.y, y);
+    layout.take(simd, space.z, z);
 }
 
 /// Adds `part` x of one batch to z, with `part` one of some forms, and the weighted products with
-/// the others to y. The compiler unrolls its loops for the numbers of dofs that plate elements
-/// have.
+/// the others to y.
 #[inline(always)]
 fn add_batch_with_part<S: Simd>(
     simd: S,
     batch: &Batch,
     (forms, part): (&[(f64, &Form)], &Form),
-    strips: &mut Strips,
+    space: &mut Space,
     size: usize,
 ) {
-    let (local, Room { work, result, y, .. }) = strips.scratch.split(size);
-    batch.gather(strips.x, local);
+    let (local, Room { work, result, y, .. }) = space.scratch.split(size);
+    batch.gather(space.x, local);
     let (mut has_part, mut has_others) = (false, false);
     for &(scale, form) in forms {
         let is_part = std::ptr::eq(form, part);
-        let scale = if is_part { 1.0 } else { scale };
         let term = match (is_part, has_others) {
             (true, _) => &mut *result,
             (false, false) => &mut *y,
             (false, true) => &mut *work,
         };
-        match form {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.panel(batch).apply(simd, local, term);
-                if !is_part {
-                    term.iter_mut().for_each(|term| *term = scale * *term);
-                }
-            }
-            Form::SingularMassCells(averages) => {
-                averages.panel(batch).apply(simd, scale, local, term);
-            }
+        form.apply(simd, batch, local, term);
+        if !is_part {
+            term.iter_mut().for_each(|term| *term = scale * *term);
         }
         if !is_part && has_others {
             y.iter_mut().zip(&*work).for_each(|(sum, term)| *sum += *term);
@@ -263,8 +256,8 @@ fn add_batch_with_part<S: Simd>(
         has_others |= !is_part;
     }
     match (has_part, has_others) {
-        (true, true) => batch.scatter(simd, [result, y], [strips.z, strips.y]),
-        (true, false) => batch.scatter(simd, [result], [strips.z]),
-        (false, _) => batch.scatter(simd, [y], [strips.y]),
+        (true, true) => batch.scatter(simd, [result, y], [space.z, space.y]),
+        (true, false) => batch.scatter(simd, [result], [space.z]),
+        (false, _) => batch.scatter(simd, [y], [space.y]),
     }
 }

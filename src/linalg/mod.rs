@@ -40,7 +40,7 @@ use crate::error::Result;
 use crate::random;
 use faer::Mat;
 use std::borrow::Cow;
-use vectors::{axpy, divide, subtract};
+use vectors::{axpy, divide, dot, subtract};
 
 /// Method by which linear systems are solved.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Serialize)]
@@ -108,8 +108,6 @@ const LOOKS: usize = 3;
 /// Every vector of displacement dofs has [`Engine::dofs`] entries. Methods that return a [`Result`]
 /// are collective: all ranks call them together.
 pub trait Engine: Sized {
-    /// Factor of a weighted sum of forms.
-    type Factor: Factor + 'static;
     /// Communicator of the ranks that the vectors are distributed over.
     type Comm: Communicator;
 
@@ -132,26 +130,36 @@ pub trait Engine: Sized {
         Ok(Cow::Borrowed(x))
     }
 
-    /// Computes y = A x and returns `$x^T A x$`, summed cell by cell and thus without cancellation.
-    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
+    /// Computes y = A x by the cells of a form, of the consistent mass for the mass of modes, and
+    /// returns `$x^T A x$`, summed cell by cell and thus without cancellation.
+    fn multiply_cells(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64>;
 
-    /// Returns `$x^T A x$`, with the bits of [`Engine::multiply`].
-    fn quadratic_form(&self, form: &Form, x: &[f64]) -> Result<f64> {
-        self.multiply(form, x, &mut vec![0.0; x.len()])
+    /// Computes the velocities `$V = C^{-1} B x$` of cells.
+    fn cell_velocities(&self, mass: &SingularMassCells, x: &[f64], v: &mut [f64]) -> Result<()>;
+
+    /// Computes the momentum `$y = B^T V$` of cells.
+    fn cell_momenta(&self, mass: &SingularMassCells, v: &[f64], y: &mut [f64]) -> Result<()>;
+
+    /// Computes y = A x and returns `$x^T A x$`, see [`Engine::multiply_cells`].
+    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
+        let Form::Modal { modes, .. } = form else { return self.multiply_cells(form, x, y) };
+        let mut v = vec![0.0; modes.count()];
+        self.project(form, x, &mut v)?;
+        modes.project_transpose(&v, y);
+        Ok(dot(&v, &v))
     }
 
-    /// Computes y = A x and m = |A| |x| for a sum of forms with positive weights, where |A| is the
-    /// sum of the entrywise magnitudes of the local matrices.
+    /// Computes the products A x and |A| |x| for a sum of forms with positive weights, where |A| is
+    /// the sum of the entrywise magnitudes of the local matrices.
     fn multiply_with_magnitude(
         &self,
         sum: &LinearCombination,
         x: &[f64],
-        y: &mut [f64],
-        m: &mut [f64],
+        products: [&mut [f64]; 2],
     ) -> Result<()>;
 
-    /// Computes y = A x for a sum of forms and z = `part` x for one of them, in one pass over the
-    /// cells. Returns `false`, and changes nothing, where the engine has no such product, which is
+    /// Computes the products A x for a sum of forms and `part` x for one of them, in one pass over
+    /// the cells. Returns `false`, and changes nothing, where the engine has no such product, which is
     /// the default.
     ///
     /// # Errors
@@ -161,9 +169,9 @@ pub trait Engine: Sized {
         sum: &LinearCombination,
         part: &Form,
         x: &[f64],
-        (y, z): (&mut [f64], &mut [f64]),
+        products: [&mut [f64]; 2],
     ) -> Result<bool> {
-        let _ = (sum, part, x, y, z);
+        let _ = (sum, part, x, products);
         Ok(false)
     }
 
@@ -195,14 +203,42 @@ pub trait Engine: Sized {
 
     /// Computes the velocity of a displacement rate x: `$V = C^{-1} B x$` for the singular mass,
     /// `$V = x$` for a consistent one.
-    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()>;
+    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
+        match mass {
+            Form::Cells(_) => v.copy_from_slice(x),
+            Form::SingularMassCells(cells) => self.cell_velocities(cells, x, v)?,
+            Form::Modal { modes, .. } => {
+                modes.project(x, v);
+                v.copy_from_slice(&self.comm().all_reduce_sum_slice(v));
+            }
+        }
+        Ok(())
+    }
 
     /// Computes the momentum of a velocity: `$y = B^T V$` for the singular mass, `$y = M_r V$` for
     /// a consistent one.
-    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()>;
+    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
+        match mass {
+            Form::Cells(_) => self.multiply(mass, v, y).map(|_| ()),
+            Form::SingularMassCells(cells) => self.cell_momenta(cells, v, y),
+            Form::Modal { modes, .. } => {
+                modes.project_transpose(v, y);
+                Ok(())
+            }
+        }
+    }
 
     /// Returns twice the kinetic energy, `$V^T C V$` or `$V^T M_r V$`, in J for velocities in m/s.
-    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64>;
+    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64> {
+        match mass {
+            Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; v.len()]),
+            Form::SingularMassCells(averages) => {
+                let momenta: Vec<f64> = averages.masses().iter().zip(v).map(|(c, v)| c * v).collect();
+                self.dot(&momenta, v)
+            }
+            Form::Modal { .. } => Ok(dot(v, v)),
+        }
+    }
 
     /// Returns the diagonal of a sum of forms, one entry per dof.
     fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>>;
@@ -215,7 +251,7 @@ pub trait Engine: Sized {
     ///
     /// # Errors
     /// Returns the errors of the engine and of the factor.
-    fn estimate_factor_error(&self, sum: &LinearCombination, factor: &mut Self::Factor) -> Result<f64> {
+    fn estimate_factor_error(&self, sum: &LinearCombination, factor: &mut dyn Factor) -> Result<f64> {
         if let Some(error) = factor.known_error() {
             return Ok(error);
         }
@@ -259,7 +295,7 @@ pub trait Engine: Sized {
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the sum is not positive definite.
-    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Self::Factor>;
+    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>>;
 
     /// Factors a sum of forms in double precision, without contact dofs, whatever digits rounding
     /// takes: as the preconditioner of an iteration. Returns `None` where rounding leaves no
@@ -268,7 +304,7 @@ pub trait Engine: Sized {
     /// # Errors
     /// Returns [`crate::Error::Memory`] where the factor does not fit, and the errors of the
     /// engine.
-    fn rough_factor(&self, sum: &LinearCombination) -> Result<Option<Self::Factor>> {
+    fn rough_factor(&self, sum: &LinearCombination) -> Result<Option<Box<dyn Factor>>> {
         match self.factor(sum, &[]) {
             Ok(factor) => Ok(Some(factor)),
             Err(crate::Error::Singular(_)) => Ok(None),
@@ -291,31 +327,6 @@ pub trait Engine: Sized {
     fn factor_beyond(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<Indefinite>> {
         let _ = (k, m, sigma);
         Ok(None)
-    }
-
-    /// Changes the contact dofs of a factor of the same sum without pinned dofs. Returns whether
-    /// this took a factorisation.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Engine::factor`].
-    fn change_contact_dofs(
-        &self,
-        factor: &mut Self::Factor,
-        sum: &LinearCombination,
-        contact_dofs: &[usize],
-    ) -> Result<bool> {
-        *factor = self.factor(sum, contact_dofs)?;
-        Ok(true)
-    }
-
-    /// Factors the same sum again with twice the digits and the same contact dofs, none of them
-    /// pinned. Returns whether this was possible, which it is not by default.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Engine::factor`], but for want of memory.
-    fn add_digits(&self, factor: &mut Self::Factor, sum: &LinearCombination) -> Result<bool> {
-        let _ = (factor, sum);
-        Ok(false)
     }
 }
 
@@ -347,38 +358,17 @@ pub trait Factor {
     /// Solves A x = b in place: x holds b on entry.
     fn solve(&mut self, x: &mut [f64]) -> Result<()>;
 
-    /// Solves A x = b.
-    fn solve_for(&mut self, b: &[f64], x: &mut [f64]) -> Result<()> {
-        x.copy_from_slice(b);
-        self.solve(x)
-    }
-
-    /// Solves A x = b in place to a few digits where that costs less. Returns whether the answer
-    /// has all digits, which is so by default.
-    fn solve_roughly(&mut self, x: &mut [f64]) -> Result<bool> {
-        self.solve(x)?;
-        Ok(true)
-    }
-
-    /// Solves A x = b in place for the correction of an answer whose energy norm is `norm`. An
-    /// iteration ends where the corrected answer has all digits, which the correction alone need
-    /// not have.
-    fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
-        let _ = norm;
-        self.solve(x)
+    /// Returns the iteration by which A is solved where one factor serves all pinned dofs; `None`
+    /// elsewhere, which is the default. With it, to pin active dofs costs less than their Schur
+    /// complement, however few they are.
+    fn cascade(&mut self) -> Option<&mut dyn CascadeFactor> {
+        None
     }
 
     /// Returns the relative energy-norm error of a solve where an iteration on the product of the
     /// cells ends at it, so that it need not be estimated.
     fn known_error(&self) -> Option<f64> {
         None
-    }
-
-    /// Returns whether to pin active dofs costs less than their Schur complement, however few they
-    /// are: where each column of it takes a solve by iteration, and a new set of pinned dofs takes
-    /// no factorisation.
-    fn prefers_pinning(&self) -> bool {
-        false
     }
 
     /// Returns the largest error of answers, relative and in the energy norm, up to which the Schur
@@ -397,10 +387,30 @@ pub trait Factor {
         false
     }
 
-    /// Returns the number of solves that take as long as [`Engine::add_digits`]; `None` where that
+    /// Returns the number of solves that take as long as [`Factor::add_digits`]; `None` where that
     /// is not possible, which is the default.
     fn cost_of_digits(&self) -> Option<u32> {
         None
+    }
+
+    /// Factors the sum of which this is the factor again with twice the digits and the same contact
+    /// dofs, none of them pinned. Returns whether this was possible, which it is not by default.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Engine::factor`], but for want of memory.
+    fn add_digits(&mut self, sum: &LinearCombination) -> Result<bool> {
+        let _ = sum;
+        Ok(false)
+    }
+
+    /// Changes the contact dofs of a factor without pinned dofs. Returns whether this was possible;
+    /// otherwise, which is the default, the matrix is to be factored again.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Engine::factor`].
+    fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<bool> {
+        let _ = contact_dofs;
+        Ok(false)
     }
 
     /// Returns the Schur complement H of A on the contact dofs.
@@ -427,24 +437,6 @@ pub trait Factor {
     /// Returns [`crate::Error::Singular`] where the matrix is not positive definite.
     fn pin(&mut self, dofs: &[usize]) -> Result<()>;
 
-    /// Finds the bounds that the unknown x with A x = b + G^T r is likely to touch, by problems
-    /// that are coarser than A, and an unknown x to start from. `sides` becomes -1 at a lower
-    /// bound, 1 at an upper one, and 0 elsewhere. Returns whether there are such problems and they
-    /// have answers. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Factor::pin`].
-    fn find_contact(
-        &mut self,
-        b: &[f64],
-        bounded: &BoundedDofs,
-        x: &mut [f64],
-        sides: &mut [i8],
-    ) -> Result<bool> {
-        let _ = (b, bounded, x, sides);
-        Ok(false)
-    }
-
     /// Saves or restores the rounding that earlier changes of contact dofs left in the factor. The
     /// factor already has its present contact dofs.
     ///
@@ -454,4 +446,30 @@ pub trait Factor {
         let _ = archive;
         Ok(())
     }
+}
+
+/// Factor that iterates over coarser meshes.
+pub trait CascadeFactor {
+    /// Solves A x = b in place to a few digits.
+    fn solve_roughly(&mut self, x: &mut [f64]) -> Result<()>;
+
+    /// Solves A x = b in place for the correction of an answer whose energy norm is `norm`. The
+    /// iteration ends where the corrected answer has all digits, which the correction alone need
+    /// not have.
+    fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()>;
+
+    /// Finds the bounds that the unknown x with A x = b + G^T r is likely to touch, by problems
+    /// that are coarser than A, and an unknown x to start from. `sides` becomes -1 at a lower
+    /// bound, 1 at an upper one, and 0 elsewhere. Returns whether these problems have answers.
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Factor::pin`].
+    fn find_contact(
+        &mut self,
+        b: &[f64],
+        bounded: &BoundedDofs,
+        x: &mut [f64],
+        sides: &mut [i8],
+    ) -> Result<bool>;
 }

@@ -3,7 +3,7 @@
 use super::cholesky;
 use super::form::{self, Form};
 use super::{
-    Cholesky, ElementMatrix, Engine, Indefinite, LinearCombination, MOST_SPOILT, RowCoupling,
+    Cholesky, ElementMatrix, Engine, Factor, Indefinite, LinearCombination, MOST_SPOILT, RowCoupling,
     SingularMassCell, vectors,
 };
 use crate::communicator::SelfComm;
@@ -13,7 +13,7 @@ use crate::kernels::cells::CellForm;
 use crate::kernels::double_double::DoubleDouble;
 use crate::kernels::layout::Layout;
 use crate::kernels::singular_mass::SingularMassCells;
-use crate::kernels::workspace::{Strips, Workspace};
+use crate::kernels::workspace::{Space, Workspace};
 use crate::memory;
 use faer::sparse::{SparseColMat, SymbolicSparseColMat};
 use pulp::{Arch, Simd, WithSimd};
@@ -38,7 +38,8 @@ impl Native {
 
     /// Creates an engine with a dof layout made for the cells, which makes products faster.
     pub fn with_layout(layout: Layout) -> Native {
-        Native { layout, arch: Arch::new(), batches: RefCell::default(), workspace: RefCell::default() }
+        let workspace = Workspace::new(&layout).into();
+        Native { layout, arch: Arch::new(), batches: RefCell::default(), workspace }
     }
 
     /// Creates a form from the cells' dense local matrices.
@@ -53,10 +54,18 @@ impl Native {
         Form::SingularMassCells(SingularMassCells::new(self.batches(cells), rows))
     }
 
-    /// Sets y, if it is wanted, to A x and returns x^T A x.
-    fn product(&self, form: &Form, x: &[f64], y: Option<&mut [f64]>) -> f64 {
+    /// Returns the number of entries of the factor of a sum of forms.
+    ///
+    /// # Errors
+    /// Returns [`Error::Memory`] where there is too little memory to find out.
+    pub fn factor_entries(&self, sum: &LinearCombination) -> Result<usize> {
+        Ok(Cholesky::size(&assembled(self.dofs(), sum)?)?.entries)
+    }
+
+    /// Makes a pass over the cells.
+    fn pass(&self, product: CellProduct) -> f64 {
         let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
-        self.arch.dispatch(Product { form, layout, x, y, strips: workspace.strips() })
+        self.arch.dispatch(Pass { product, layout, space: workspace.space() })
     }
 
     /// Returns the batches of some cells, those of the last form where the cells are the same.
@@ -89,11 +98,7 @@ fn assembled(dofs: usize, sum: &LinearCombination) -> Result<SparseColMat<usize,
 
 /// Factors a sum of forms over a number of dofs in double precision; `None` where it is not
 /// positive definite.
-pub(super) fn in_doubles(
-    dofs: usize,
-    sum: &LinearCombination,
-    contact_dofs: &[usize],
-) -> Result<Option<Cholesky>> {
+fn in_doubles(dofs: usize, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Option<Cholesky>> {
     match Cholesky::new(assembled(dofs, sum)?, contact_dofs) {
         Ok(factor) => Ok(Some(factor)),
         Err(error @ Error::Memory(_)) => Err(error),
@@ -101,19 +106,9 @@ pub(super) fn in_doubles(
     }
 }
 
-/// Factors a sum of forms over a number of dofs in double-double arithmetic.
-pub(super) fn in_double_doubles(
-    dofs: usize,
-    sum: &LinearCombination,
-    contact_dofs: &[usize],
-) -> Result<Cholesky> {
-    let (pattern, values) = assembled_twice(dofs, sum)?;
-    Cholesky::twice(pattern, values, contact_dofs)
-}
-
 /// Assembles the lower triangle of a sum of forms over a number of dofs in double-double
 /// arithmetic.
-fn assembled_twice(
+pub(super) fn assembled_twice(
     dofs: usize,
     sum: &LinearCombination,
 ) -> Result<(SymbolicSparseColMat<usize>, Vec<DoubleDouble>)> {
@@ -172,108 +167,49 @@ pub fn factor_precise(dofs: usize, entries: &[PreciseEntry], contact_dofs: &[usi
     Cholesky::twice(pattern, values, contact_dofs)
 }
 
-/// Product y = A x, compiled for the widest vector registers.
-struct Product<'a> {
-    form: &'a Form,
+/// Pass over the cells, compiled for the widest vector registers.
+struct Pass<'a> {
+    product: CellProduct<'a>,
     layout: &'a Layout,
-    x: &'a [f64],
-    y: Option<&'a mut [f64]>,
-    strips: Strips<'a>,
+    space: Space<'a>,
 }
 
-impl WithSimd for Product<'_> {
+/// What a pass over the cells computes.
+enum CellProduct<'a> {
+    /// Product y = A x, with the value x^T A x.
+    Whole(&'a Form, &'a [f64], &'a mut [f64]),
+    /// Products y = A x and m = |A| |x|.
+    WithMagnitude(&'a LinearCombination<'a>, &'a [f64], [&'a mut [f64]; 2]),
+    /// Products y = A x with a sum, and z = A x with one of its forms.
+    WithPart(&'a LinearCombination<'a>, &'a Form, &'a [f64], [&'a mut [f64]; 2]),
+    /// Velocities V = C^-1 B x.
+    Velocities(&'a SingularMassCells, &'a [f64], &'a mut [f64]),
+    /// Momentum y = B^T V.
+    Momenta(&'a SingularMassCells, &'a [f64], &'a mut [f64]),
+}
+
+impl WithSimd for Pass<'_> {
     type Output = f64;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> f64 {
-        match self.form {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                cells.multiply(simd, self.layout, self.x, self.y, self.strips)
+        let Pass { product, layout, space } = self;
+        match product {
+            CellProduct::Whole(form, x, y) => return form::multiply(simd, layout, form, x, y, space),
+            CellProduct::WithMagnitude(sum, x, products) => {
+                form::multiply_with_magnitude(simd, layout, sum.terms(), x, products, space);
             }
-            Form::SingularMassCells(averages) => {
-                averages.multiply(simd, self.layout, self.x, self.y, self.strips)
+            CellProduct::WithPart(sum, part, x, products) => {
+                form::multiply_with_part(simd, layout, (sum.terms(), part), x, products, space);
             }
+            CellProduct::Velocities(mass, x, v) => mass.project(simd, layout, x, v, space),
+            CellProduct::Momenta(mass, v, y) => mass.project_transpose(simd, layout, v, y, space),
         }
-    }
-}
-
-/// Products y = A x and m = |A| |x|.
-struct WithMagnitude<'a> {
-    sum: &'a LinearCombination<'a>,
-    layout: &'a Layout,
-    x: &'a [f64],
-    products: (&'a mut [f64], &'a mut [f64]),
-    strips: Strips<'a>,
-}
-
-impl WithSimd for WithMagnitude<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let WithMagnitude { sum, layout, x, products, strips } = self;
-        form::multiply_with_magnitude(simd, layout, sum.terms(), x, products, strips);
-    }
-}
-
-/// Products y = A x with a sum, and z = `part` x with one of its forms.
-struct WithPart<'a> {
-    sum: &'a LinearCombination<'a>,
-    part: &'a Form,
-    layout: &'a Layout,
-    x: &'a [f64],
-    products: (&'a mut [f64], &'a mut [f64]),
-    strips: Strips<'a>,
-}
-
-impl WithSimd for WithPart<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let WithPart { sum, part, layout, x, products, strips } = self;
-        form::multiply_with_part(simd, layout, (sum.terms(), part), x, products, strips);
-    }
-}
-
-/// Velocities V = C^-1 B x.
-struct Velocity<'a> {
-    averages: &'a SingularMassCells,
-    layout: &'a Layout,
-    x: &'a [f64],
-    v: &'a mut [f64],
-    strips: Strips<'a>,
-}
-
-impl WithSimd for Velocity<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        self.averages.project(simd, self.layout, self.x, self.v, self.strips);
-    }
-}
-
-/// Momentum y = B^T V.
-struct Momentum<'a> {
-    averages: &'a SingularMassCells,
-    layout: &'a Layout,
-    v: &'a [f64],
-    y: &'a mut [f64],
-    strips: Strips<'a>,
-}
-
-impl WithSimd for Momentum<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        self.averages.project_transpose(simd, self.layout, self.v, self.y, self.strips);
+        0.0
     }
 }
 
 impl Engine for Native {
-    type Factor = Cholesky;
     type Comm = SelfComm;
     const REPEATS: bool = true;
 
@@ -289,33 +225,27 @@ impl Engine for Native {
         Ok(vectors::dot(x, y))
     }
 
-    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
-        if let Form::Modal { modes, .. } = form {
-            let mut v = vec![0.0; modes.count()];
-            modes.project(x, &mut v);
-            modes.project_transpose(&v, y);
-            return Ok(vectors::dot(&v, &v));
-        }
-        Ok(self.product(form, x, Some(y)))
+    fn multiply_cells(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
+        Ok(self.pass(CellProduct::Whole(form, x, y)))
     }
 
-    fn quadratic_form(&self, form: &Form, x: &[f64]) -> Result<f64> {
-        if let Form::Modal { .. } = form {
-            return self.multiply(form, x, &mut vec![0.0; x.len()]);
-        }
-        Ok(self.product(form, x, None))
+    fn cell_velocities(&self, mass: &SingularMassCells, x: &[f64], v: &mut [f64]) -> Result<()> {
+        self.pass(CellProduct::Velocities(mass, x, v));
+        Ok(())
+    }
+
+    fn cell_momenta(&self, mass: &SingularMassCells, v: &[f64], y: &mut [f64]) -> Result<()> {
+        self.pass(CellProduct::Momenta(mass, v, y));
+        Ok(())
     }
 
     fn multiply_with_magnitude(
         &self,
         sum: &LinearCombination,
         x: &[f64],
-        y: &mut [f64],
-        m: &mut [f64],
+        products: [&mut [f64]; 2],
     ) -> Result<()> {
-        let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
-        let (products, strips) = ((y, m), workspace.strips());
-        self.arch.dispatch(WithMagnitude { sum, layout, x, products, strips });
+        self.pass(CellProduct::WithMagnitude(sum, x, products));
         Ok(())
     }
 
@@ -324,48 +254,13 @@ impl Engine for Native {
         sum: &LinearCombination,
         part: &Form,
         x: &[f64],
-        products: (&mut [f64], &mut [f64]),
+        products: [&mut [f64]; 2],
     ) -> Result<bool> {
-        if sum.terms().iter().any(|(_, form)| matches!(form, Form::Modal { .. })) {
-            return Ok(false);
+        let has_cells = !sum.has_modes();
+        if has_cells {
+            self.pass(CellProduct::WithPart(sum, part, x, products));
         }
-        let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
-        self.arch.dispatch(WithPart { sum, part, layout, x, products, strips: workspace.strips() });
-        Ok(true)
-    }
-
-    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
-        match mass {
-            Form::Cells(_) => v.copy_from_slice(x),
-            Form::SingularMassCells(averages) => {
-                let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
-                self.arch.dispatch(Velocity { averages, layout, x, v, strips: workspace.strips() });
-            }
-            Form::Modal { modes, .. } => modes.project(x, v),
-        }
-        Ok(())
-    }
-
-    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
-        match mass {
-            Form::Cells(_) => {
-                self.multiply(mass, v, y)?;
-            }
-            Form::SingularMassCells(averages) => {
-                let (layout, workspace) = (&self.layout, &mut *self.workspace.borrow_mut());
-                self.arch.dispatch(Momentum { averages, layout, v, y, strips: workspace.strips() });
-            }
-            Form::Modal { modes, .. } => modes.project_transpose(v, y),
-        }
-        Ok(())
-    }
-
-    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64> {
-        match mass {
-            Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; self.dofs()]),
-            Form::SingularMassCells(averages) => Ok(averages.mass_norm_squared(v)),
-            Form::Modal { .. } => Ok(vectors::dot(v, v)),
-        }
+        Ok(has_cells)
     }
 
     fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>> {
@@ -383,19 +278,7 @@ impl Engine for Native {
     fn couplings(&self, sum: &LinearCombination) -> Result<Vec<RowCoupling>> {
         let mut couplings = vec![RowCoupling::default(); self.dofs()];
         for (scale, form) in sum.terms() {
-            match form {
-                Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                    for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
-                        let entry = |i: usize, j: usize| scale * matrix[i * dofs.len() + j];
-                        add_couplings(&mut couplings, dofs, entry);
-                    }
-                }
-                Form::SingularMassCells(averages) => {
-                    for SingularMassCell { dofs, row, mass, .. } in averages.rows() {
-                        add_couplings(&mut couplings, dofs, |i, j| scale * row[i] * row[j] / mass);
-                    }
-                }
-            }
+            form.for_each_cell(|dofs, entry| add_couplings(&mut couplings, dofs, |i, j| scale * entry(i, j)));
         }
         Ok(couplings)
     }
@@ -413,25 +296,18 @@ impl Engine for Native {
         cholesky::require(&size, factors as u64, self.dofs())
     }
 
-    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Cholesky> {
+    fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
         if let Some(mut factor) = in_doubles(self.dofs(), sum, contact_dofs)?
             && self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT
         {
-            return Ok(factor);
+            return Ok(Box::new(factor));
         }
-        in_double_doubles(self.dofs(), sum, contact_dofs)
+        let (pattern, values) = assembled_twice(self.dofs(), sum)?;
+        Ok(Box::new(Cholesky::twice(pattern, values, contact_dofs)?))
     }
 
-    fn add_digits(&self, factor: &mut Cholesky, sum: &LinearCombination) -> Result<bool> {
-        let (_, values) = match assembled_twice(self.dofs(), sum) {
-            Err(Error::Memory(_)) => return Ok(false),
-            assembled => assembled?,
-        };
-        factor.add_digits(values)
-    }
-
-    fn rough_factor(&self, sum: &LinearCombination) -> Result<Option<Cholesky>> {
-        in_doubles(self.dofs(), sum, &[])
+    fn rough_factor(&self, sum: &LinearCombination) -> Result<Option<Box<dyn Factor>>> {
+        Ok(in_doubles(self.dofs(), sum, &[])?.map(|factor| Box::new(factor) as _))
     }
 
     fn factor_beyond(&self, k: &Form, m: &Form, sigma: f64) -> Result<Option<Indefinite>> {

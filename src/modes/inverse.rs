@@ -2,7 +2,7 @@
 
 use super::blocks::{multiply, random_block};
 use crate::error::{Error, Result};
-use crate::linalg::{ColumnSolver, Engine, Factor, Form};
+use crate::linalg::{ColumnSolver, Engine, Form};
 use faer::Mat;
 
 /// Shift for a mechanism, relative to the largest wanted eigenvalue, and the factor by which it may

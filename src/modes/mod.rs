@@ -27,7 +27,7 @@ pub use store::{Store, cache_folder, keep_in};
 
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{aypx, hadamard};
-use crate::linalg::{Engine, Factor, Form, Native};
+use crate::linalg::{Engine, Form, Native};
 use crate::random::random_vector;
 use basis::lowest_existing;
 use std::f64::consts::TAU;
@@ -115,17 +115,14 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
             aypx(-sigma, v, w);
             Ok(())
         };
-        let metric = |v: &[f64], w: &mut [f64]| match mass {
-            Form::Cells(_) => engine.project_transpose(mass, v, w),
-            Form::SingularMassCells(averages) => {
-                w.copy_from_slice(v);
-                hadamard(averages.masses(), w);
-                Ok(())
+        let metric = |v: &[f64], w: &mut [f64]| {
+            w.copy_from_slice(v);
+            match mass {
+                Form::Cells(_) => engine.project_transpose(mass, v, w)?,
+                Form::SingularMassCells(averages) => hadamard(averages.masses(), w),
+                Form::Modal { .. } => {}
             }
-            Form::Modal { .. } => {
-                w.copy_from_slice(v);
-                Ok(())
-            }
+            Ok(())
         };
         let part = lanczos::largest(engine.velocities(mass), accuracy, limit, operator, metric)?;
         let value = sigma * part / (1.0 - part);

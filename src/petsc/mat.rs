@@ -39,7 +39,8 @@ impl Matrix {
         columns: &[Index],
         values: &[f64],
     ) -> Result<Self> {
-        let mut matrix = Self::from_pattern(context, comm, [local; 2], rows.to_vec(), columns.to_vec())?;
+        let mut matrix =
+            Self::from_pattern(context, comm, [local; 2], [rows, columns].map(<[_]>::to_vec), None)?;
         matrix.set_values(values)?;
         Ok(matrix)
     }
@@ -48,7 +49,9 @@ impl Matrix {
     /// Collective.
     ///
     /// `local` are the numbers of rows and of columns that this rank owns; see
-    /// [`Matrix::from_triplets`].
+    /// [`Matrix::from_triplets`]. With `dofs` the matrix remains a sum of matrices, one for each
+    /// rank: that of this rank has these rows and columns, given by their numbers in the sum, and
+    /// other ranks may have some of them as well.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where an index is too large.
@@ -56,38 +59,9 @@ impl Matrix {
         context: &Rc<Context>,
         comm: Comm,
         local: [usize; 2],
-        rows: Vec<Index>,
-        columns: Vec<Index>,
-    ) -> Result<Self> {
-        Self::with_pattern(context, comm, local, [rows, columns], None)
-    }
-
-    /// Creates a matrix of zeros that remains a sum of matrices, one for each rank. Collective.
-    ///
-    /// The matrix of this rank has the rows and columns `dofs`, given by their numbers in the sum.
-    /// Other ranks may have some of them as well; `local` of them are owned by this rank. Rows,
-    /// columns and values are given as to [`Matrix::from_pattern`].
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where an index is too large.
-    pub fn of_subdomains(
-        context: &Rc<Context>,
-        local: usize,
-        dofs: &[Index],
-        rows: Vec<Index>,
-        columns: Vec<Index>,
-    ) -> Result<Self> {
-        Self::with_pattern(context, Comm::World, [local; 2], [rows, columns], Some(dofs))
-    }
-
-    fn with_pattern(
-        context: &Rc<Context>,
-        comm: Comm,
-        local: [usize; 2],
         [mut rows, mut columns]: [Vec<Index>; 2],
         dofs: Option<&[Index]>,
     ) -> Result<Self> {
-        // PETSc 3.18 does not check every index. All ranks must reject together, or none.
         let ends = local.map(|n| if comm == Comm::World { context.comm().all_reduce_sum(n) } else { n });
         let within = |indices: &[Index], end: usize| indices.iter().all(|&i| i < 0 || (i as usize) < end);
         let good = rows.len() == columns.len() && within(&rows, ends[0]) && within(&columns, ends[1]);
@@ -350,7 +324,8 @@ impl Matrix {
             columns.extend(in_row);
             values.extend(entries);
         }
-        let mut matrix = Self::from_pattern(&self.context, Comm::World, self.local_size(), of_rows, columns)?;
+        let mut matrix =
+            Self::from_pattern(&self.context, Comm::World, self.local_size(), [of_rows, columns], None)?;
         matrix.set_values(&values)?;
         Ok(matrix)
     }

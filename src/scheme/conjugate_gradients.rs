@@ -27,7 +27,7 @@ const REDUCTION: f64 = 1e-8;
 pub(super) fn solve<E: Engine>(
     engine: &E,
     matrix: &Form,
-    factor: &mut E::Factor,
+    factor: &mut dyn Factor,
     b: &[f64],
 ) -> Result<Option<Vec<f64>>> {
     let mut x = vec![0.0; b.len()];
@@ -45,7 +45,7 @@ pub(super) fn solve<E: Engine>(
 fn descend<E: Engine>(
     engine: &E,
     matrix: &Form,
-    factor: &mut E::Factor,
+    factor: &mut dyn Factor,
     b: &[f64],
 ) -> Result<Option<Vec<f64>>> {
     let mut x = vec![0.0; b.len()];

@@ -238,10 +238,7 @@ pub struct Conserving<'s, E: Engine> {
     balances: Option<[StepBalance; 2]>,
 }
 
-impl<'s, E: Engine + 'static> Conserving<'s, E>
-where
-    E::Factor: 'static,
-{
+impl<'s, E: Engine + 'static> Conserving<'s, E> {
     /// Starts the scheme with the condensed solver and steps of `dt` seconds.
     ///
     /// # Errors

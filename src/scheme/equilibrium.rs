@@ -4,7 +4,7 @@ use super::conjugate_gradients;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::vectors::{axpy, aypx};
-use crate::linalg::{Engine, Form, LinearCombination, MOST_SPOILT};
+use crate::linalg::{Engine, Factor, Form, LinearCombination, MOST_SPOILT};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, CheckedSolver, Condensed, Problem, StepReport};
@@ -50,13 +50,10 @@ pub fn equilibrium<E: Engine + 'static>(
     stiffness: &Form,
     load: &[f64],
     bounds: &Bounds,
-) -> Result<Equilibrium>
-where
-    E::Factor: 'static,
-{
+) -> Result<Equilibrium> {
     let matrix = stiffness.into();
     if let Some(mut rough) = engine.rough_factor(&matrix)? {
-        let error = engine.estimate_factor_error(&matrix, &mut rough)?;
+        let error = engine.estimate_factor_error(&matrix, rough.as_mut())?;
         if error <= MOST_SPOILT {
             let solver = Condensed::with_factor(engine, rough, error, bounds.len())?;
             return corrected(engine, solver, &matrix, stiffness, load, bounds);
@@ -72,15 +69,12 @@ where
 /// Solves the static equilibrium by a solver and corrections with the residual.
 fn corrected<E: Engine + 'static>(
     engine: &E,
-    solver: Condensed<E>,
+    solver: Condensed,
     matrix: &LinearCombination,
     stiffness: &Form,
     load: &[f64],
     bounds: &Bounds,
-) -> Result<Equilibrium>
-where
-    E::Factor: 'static,
-{
+) -> Result<Equilibrium> {
     let mut search = Search::new(engine, solver, matrix, stiffness, load, bounds)?;
     let mut length = 0.0;
     for _ in 0..=CORRECTIONS {
@@ -95,12 +89,12 @@ where
 /// the plate would cross a bound, or the answer is not accurate. Collective.
 fn free_equilibrium<E: Engine>(
     engine: &E,
-    mut factor: E::Factor,
+    mut factor: Box<dyn Factor>,
     stiffness: &Form,
     load: &[f64],
     bounds: &Bounds,
 ) -> Result<Option<Equilibrium>> {
-    let Some(mut u) = conjugate_gradients::solve(engine, stiffness, &mut factor, load)? else {
+    let Some(mut u) = conjugate_gradients::solve(engine, stiffness, factor.as_mut(), load)? else {
         return Ok(None);
     };
     if engine.comm().all_reduce_any(bounds.are_crossed(&u)) {
@@ -137,10 +131,7 @@ pub fn equilibrium_on_bounds<'f, E: Engine + 'static>(
     hold: LinearCombination<'f>,
     load: &[f64],
     bounds: &Bounds,
-) -> Result<Equilibrium>
-where
-    E::Factor: 'static,
-{
+) -> Result<Equilibrium> {
     let held = stiffness + hold;
     let solver = Condensed::new(engine, &held, bounds.len())?;
     let mut search = Search::new(engine, solver, &held, stiffness, load, bounds)?;
@@ -195,14 +186,11 @@ struct Search<'s, E: Engine> {
     report: StepReport,
 }
 
-impl<'s, E: Engine + 'static> Search<'s, E>
-where
-    E::Factor: 'static,
-{
+impl<'s, E: Engine + 'static> Search<'s, E> {
     /// Starts at U = 0, with increments from this solver of this matrix.
     fn new(
         engine: &'s E,
-        solver: Condensed<E>,
+        solver: Condensed,
         matrix: &'s LinearCombination<'s>,
         stiffness: &'s Form,
         load: &'s [f64],

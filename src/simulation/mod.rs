@@ -261,10 +261,7 @@ fn sonic_energy<P: Partition>(ground: &BuildContext<P>) -> f64 {
     0.5 * mass * stiffest.fold(0.0, f64::max)
 }
 
-impl<E: Engine + 'static> Model<E>
-where
-    E::Factor: 'static,
-{
+impl<E: Engine + 'static> Model<E> {
     /// Returns the scene's scheme at its start, with the condensed contact solver. The step matrix
     /// is factored.
     ///
@@ -351,10 +348,7 @@ pub fn condensed<E: Engine + 'static>(
     engine: &E,
     sum: &LinearCombination,
     bounded: usize,
-) -> Result<Box<dyn Solver<E>>>
-where
-    E::Factor: 'static,
-{
+) -> Result<Box<dyn Solver<E>>> {
     Ok(Box::new(Condensed::new(engine, sum, bounded)?))
 }
 

@@ -26,10 +26,7 @@ pub fn run<E: Engine>(
     run_scheme(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
 }
 
-impl<E: Engine + 'static> Model<E>
-where
-    E::Factor: 'static,
-{
+impl<E: Engine + 'static> Model<E> {
     /// Runs the model with the condensed contact solver, like [`run`].
     ///
     /// # Errors

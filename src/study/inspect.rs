@@ -244,7 +244,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let (mesh, made) = simulation::mesh_and_made(scene)?;
     let frequencies = frequencies_of(&native, &model)?;
     let inertia = 1.0 / (scene.time.step * scene.time.step);
-    let factor_entries = system.engine.factor(&(&system.mass * inertia + &system.stiffness), &[])?.entries();
+    let factor_entries = system.engine.factor_entries(&(&system.mass * inertia + &system.stiffness))?;
     let (set_up, seconds_per_step) = stopwatch(&native, &model)?;
     let (advised_step, energy_step) =
         (advised_for(scene, &frequencies), energy_step_for(scene, &frequencies));

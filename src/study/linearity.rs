@@ -18,7 +18,7 @@
 
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::Result;
-use crate::linalg::{Engine, Factor};
+use crate::linalg::Engine;
 use crate::mesh::Mesh;
 use crate::output::text::significant;
 use crate::scene::Scene;

@@ -8,7 +8,6 @@
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::hash;
-use crate::linalg::Factor;
 use crate::vi::Answer;
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
@@ -279,10 +278,4 @@ fn solve_in_place(mut a: MatMut<f64>, b: &mut [f64]) {
         }
         Err(_) => b.fill(f64::NAN),
     }
-}
-
-/// Computes the candidates' values without any bound.
-pub(super) fn unconstrained(factor: &impl Factor, h: &[f64], x: &mut [f64]) {
-    x.copy_from_slice(h);
-    factor.solve_schur(x);
 }

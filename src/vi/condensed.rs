@@ -13,7 +13,7 @@
 
 mod pinned;
 
-use super::active_set::{self, BoundStatus};
+use super::active_set::BoundStatus;
 use super::laws::{self, YieldingProblem};
 use super::{Answer, DenseProblem, Problem, Solver};
 use crate::archive::Archive;
@@ -35,9 +35,8 @@ const FIRST_LOT: usize = 4;
 const MAX_SCHUR_RESIDUAL: f64 = 1e-11;
 
 /// Condensed solver; see the [module page](self).
-#[derive(Debug)]
-pub struct Condensed<E: Engine> {
-    factor: E::Factor,
+pub struct Condensed {
+    factor: Box<dyn Factor>,
     method: Method,
     /// Status of each bound in the last answer.
     sides: Vec<BoundStatus>,
@@ -91,14 +90,14 @@ enum Method {
     Pinned { pinned: Vec<BoundStatus> },
 }
 
-impl<E: Engine> Condensed<E> {
+impl Condensed {
     /// Factors the matrix, with no candidates yet, for bounds on `bounded` dofs.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where the matrix is not positive definite.
-    pub fn new(engine: &E, matrix: &LinearCombination, bounded: usize) -> Result<Condensed<E>> {
+    pub fn new(engine: &impl Engine, matrix: &LinearCombination, bounded: usize) -> Result<Condensed> {
         let mut factor = engine.factor(matrix, &[])?;
-        let error = engine.estimate_factor_error(matrix, &mut factor)?;
+        let error = engine.estimate_factor_error(matrix, factor.as_mut())?;
         Condensed::with_factor(engine, factor, error, bounded)
     }
 
@@ -106,7 +105,12 @@ impl<E: Engine> Condensed<E> {
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where rounding spoils the factor too much.
-    pub fn with_factor(engine: &E, factor: E::Factor, error: f64, bounded: usize) -> Result<Condensed<E>> {
+    pub fn with_factor(
+        engine: &impl Engine,
+        factor: Box<dyn Factor>,
+        error: f64,
+        bounded: usize,
+    ) -> Result<Condensed> {
         super::require_convergence(error, engine.dofs())?;
         Ok(Condensed {
             factor_error: error,
@@ -121,12 +125,18 @@ impl<E: Engine> Condensed<E> {
 
     /// Returns how many corrections by the residual an answer needs.
     pub fn corrections(&self) -> u32 {
-        super::corrections(self.factor_error())
+        super::corrections(self.error_with_digits.unwrap_or(self.factor_error))
     }
 
     /// Makes candidates of the bounds that x violates and of those nearest to their bounds.
-    fn grow(&mut self, engine: &E, matrix: &LinearCombination, bounds: &Bounds, x: &[f64]) -> Result<()> {
-        if self.factor.prefers_pinning() || self.factor_error > self.factor.max_schur_error() {
+    fn grow(
+        &mut self,
+        engine: &impl Engine,
+        matrix: &LinearCombination,
+        bounds: &Bounds,
+        x: &[f64],
+    ) -> Result<()> {
+        if self.factor.cascade().is_some() || self.factor_error > self.factor.max_schur_error() {
             return self.pin(engine, matrix);
         }
         let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };
@@ -165,15 +175,22 @@ impl<E: Engine> Condensed<E> {
     }
 
     /// Changes the contact dofs of the factor, which has the digits of the first one then.
-    fn change_contact_dofs(&mut self, engine: &E, matrix: &LinearCombination, dofs: &[usize]) -> Result<()> {
-        let factored = engine.change_contact_dofs(&mut self.factor, matrix, dofs)?;
-        self.factorisations += u64::from(factored);
+    fn change_contact_dofs(
+        &mut self,
+        engine: &impl Engine,
+        matrix: &LinearCombination,
+        dofs: &[usize],
+    ) -> Result<()> {
+        if !self.factor.set_contact_dofs(dofs)? {
+            self.factor = engine.factor(matrix, dofs)?;
+            self.factorisations += 1;
+        }
         self.error_with_digits = None;
         Ok(())
     }
 
     /// Pins active dofs in the sparse matrix from now on, until nothing touches any more.
-    fn pin(&mut self, engine: &E, matrix: &LinearCombination) -> Result<()> {
+    fn pin(&mut self, engine: &impl Engine, matrix: &LinearCombination) -> Result<()> {
         self.change_contact_dofs(engine, matrix, &[])?;
         self.method = Method::Pinned { pinned: vec![BoundStatus::Free; self.sides.len()] };
         Ok(())
@@ -183,7 +200,7 @@ impl<E: Engine> Condensed<E> {
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn distrust(&mut self, engine: &E, matrix: &LinearCombination) -> Result<bool> {
+    pub fn distrust(&mut self, engine: &impl Engine, matrix: &LinearCombination) -> Result<bool> {
         let dense = matches!(self.method, Method::Dense { .. }) && self.factor.schur().nrows() > 0;
         if dense {
             self.pin(engine, matrix)?;
@@ -212,14 +229,15 @@ impl<E: Engine> Condensed<E> {
         Ok(done)
     }
 
-    fn solve_dense(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32> {
+    fn solve_dense(&mut self, engine: &impl Engine, problem: &Problem, answer: &mut Answer) -> Result<u32> {
         let Method::Dense { candidates } = &self.method else { return Ok(0) };
         let Problem { rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
         clear(reaction);
         let size = self.factor.schur().nrows();
         if size == 0 {
-            self.factor.solve_for(b, x)?;
+            x.copy_from_slice(b);
+            self.factor.solve(x)?;
             return Ok(0);
         }
         // Every rank solves the same dense problem, from the bounds and statuses of all ranks.
@@ -235,7 +253,8 @@ impl<E: Engine> Condensed<E> {
         // Dofs in contact in the last step mostly stay so, and the dense problem is solved from
         // there at once.
         let inside = !touching(sides) && {
-            active_set::unconstrained(&self.factor, h, values);
+            values.copy_from_slice(h);
+            self.factor.solve_schur(values);
             values.iter().zip(lower.iter().zip(upper.iter())).all(|(x, (l, u))| (l..=u).contains(&x))
         };
         let iterations = if inside {
@@ -260,7 +279,7 @@ impl<E: Engine> Condensed<E> {
     }
 }
 
-impl<E: Engine> Solver<E> for Condensed<E> {
+impl<E: Engine> Solver<E> for Condensed {
     fn solve(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32> {
         let mut iterations = 0;
         while matches!(self.method, Method::Dense { .. }) {
@@ -314,7 +333,7 @@ impl<E: Engine> Solver<E> for Condensed<E> {
                 self.factor.pin(&dofs)?;
                 Method::Pinned { pinned: marks }
             } else {
-                engine.change_contact_dofs(&mut self.factor, matrix, &dofs)?;
+                self.change_contact_dofs(engine, matrix, &dofs)?;
                 Method::Dense { candidates: marked }
             };
             if has_more_digits {
@@ -341,9 +360,9 @@ impl<E: Engine> Solver<E> for Condensed<E> {
     }
 
     fn add_digits(&mut self, engine: &E, matrix: &LinearCombination) -> Result<()> {
-        if engine.add_digits(&mut self.factor, matrix)? {
+        if self.factor.add_digits(matrix)? {
             self.factorisations += 1;
-            self.error_with_digits = Some(engine.estimate_factor_error(matrix, &mut self.factor)?);
+            self.error_with_digits = Some(engine.estimate_factor_error(matrix, self.factor.as_mut())?);
         }
         Ok(())
     }

@@ -229,7 +229,7 @@ impl KktCheck {
             _ => return Ok(None),
         };
         if self.loose.is_some()
-            || !engine.multiply_with_part(problem.matrix, part, x, (&mut self.residual, product))?
+            || !engine.multiply_with_part(problem.matrix, part, x, [&mut self.residual, product])?
         {
             return Ok(None);
         }
@@ -334,7 +334,7 @@ impl KktCheck {
         answer: &Answer,
     ) -> Result<Residual> {
         let x = &*answer.x;
-        engine.multiply_with_magnitude(problem.matrix, x, &mut self.residual, &mut self.magnitude)?;
+        engine.multiply_with_magnitude(problem.matrix, x, [&mut self.residual, &mut self.magnitude])?;
         let size = largest_product(&self.scale, x);
         let size = larger(size, self.subtract_terms(&[problem.rhs]));
         let size = larger(size, self.subtract_terms(more));

@@ -27,7 +27,7 @@ use super::laws::YieldingBound;
 use super::{Answer, BoundStatus, Condensed, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
-use crate::distributed::{Distributed, DistributedFactor};
+use crate::distributed::Distributed;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, difference, hadamard};
 use crate::linalg::{Engine, Factor, LinearCombination};
@@ -256,8 +256,8 @@ struct Bounded {
     problem: Rc<Scaled>,
     usual: Method,
     safe: Method,
-    condensed: Option<Condensed<Distributed>>,
-    factor: DistributedFactor,
+    condensed: Option<Condensed>,
+    factor: Box<dyn Factor>,
     check: KktCheck,
     /// Diagonal of D, 1/sqrt(A_ii).
     scale: Vec<f64>,
@@ -284,7 +284,7 @@ impl Bounded {
     ) -> Result<Bounded> {
         let context = engine.context();
         let mut factor = engine.factor(matrix, &[])?;
-        let factor_error = engine.estimate_factor_error(matrix, &mut factor)?;
+        let factor_error = engine.estimate_factor_error(matrix, factor.as_mut())?;
         super::require_convergence(factor_error, engine.dofs())?;
         let scale: Vec<f64> = engine.diagonal(matrix)?.iter().map(|a| 1.0 / a.sqrt()).collect();
         let mut scaled = engine.matrix(matrix)?;
@@ -423,7 +423,7 @@ impl Bounded {
         let x = &mut *answer.x;
         let size = engine.comm().all_reduce_max(x.iter().fold(0.0, |m, x| x.abs().max(m)));
         let mut product = MatrixProduct { value: vec![0.0; x.len()], magnitude: vec![0.0; x.len()] };
-        engine.multiply_with_magnitude(matrix, x, &mut product.value, &mut product.magnitude)?;
+        engine.multiply_with_magnitude(matrix, x, [&mut product.value, &mut product.magnitude])?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let force = product.value[dof] - b[dof];
             let near = |bound: f64| (x[dof] - bound).abs() <= ROUNDING * size;
@@ -488,7 +488,7 @@ impl Bounded {
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
         let MatrixProduct { value, magnitude } = product;
-        engine.multiply_with_magnitude(matrix, x, value, magnitude)?;
+        engine.multiply_with_magnitude(matrix, x, [value, magnitude])?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let force = value[dof] - b[dof];
             let bears = self.sides[i] != BoundStatus::Free || bounds.reaction(i, x[dof]) * force > 0.0;
@@ -516,7 +516,7 @@ impl Solver<Distributed> for Bounded {
     }
 
     fn factorisations(&self) -> u64 {
-        self.factorisations + self.condensed.as_ref().map_or(0, Solver::factorisations)
+        self.factorisations + self.condensed.as_ref().map_or(0, Solver::<Distributed>::factorisations)
     }
 
     fn archive(

@@ -26,7 +26,7 @@ fn wrong(model: &Model) -> [f64; 2] {
     let system = &model.system;
     let u = &model.start.displacement;
     let (mut force, mut terms) = (vec![0.0; u.len()], vec![0.0; u.len()]);
-    system.engine.multiply_with_magnitude(&(&system.stiffness).into(), u, &mut force, &mut terms).unwrap();
+    system.engine.multiply_with_magnitude(&(&system.stiffness).into(), u, [&mut force, &mut terms]).unwrap();
     let load = system.load.as_ref().unwrap();
     let near = 1e-9 + 1e-12 * u.iter().fold(0.0, |most: f64, u| most.max(u.abs()));
     let left = |dof: usize| {

@@ -327,7 +327,7 @@ fn a_static_start_presses_stops_beside_wide_contact() {
     let Model { system, start, .. } = model(&[&*plate, obstacles, &load].concat());
     let (bounds, load, u) = (&system.bounds, system.load.as_ref().unwrap(), &start.displacement);
     let (mut force, mut terms) = (vec![0.0; u.len()], vec![0.0; u.len()]);
-    system.engine.multiply_with_magnitude(&(&system.stiffness).into(), u, &mut force, &mut terms).unwrap();
+    system.engine.multiply_with_magnitude(&(&system.stiffness).into(), u, [&mut force, &mut terms]).unwrap();
     axpy(-1.0, load, &mut force);
     let crossed = bounds.dofs.iter().zip(&bounds.lower).filter(|(dof, lower)| free[**dof] < **lower);
     assert!(crossed.count() > DENSE_LIMIT);

@@ -38,7 +38,7 @@ fn rounding(text: &str) -> f64 {
     let Model { system, start, .. } = model(text);
     let u = &start.displacement;
     let (mut force, mut terms) = (vec![0.0; u.len()], vec![0.0; u.len()]);
-    system.engine.multiply_with_magnitude(&(&system.stiffness).into(), u, &mut force, &mut terms).unwrap();
+    system.engine.multiply_with_magnitude(&(&system.stiffness).into(), u, [&mut force, &mut terms]).unwrap();
     let energy: f64 = u.iter().zip(&force).map(|(u, force)| u * force).sum();
     let magnitude: f64 = u.iter().zip(&terms).map(|(u, terms)| u.abs() * terms).sum();
     let amplitude = u.iter().fold(0.0, |most: f64, u| most.max(u.abs()));

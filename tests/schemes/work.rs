@@ -9,7 +9,7 @@ use crate::common::models::PAPER_PLATE;
 use faer::Mat;
 use rebond::archive::Archive;
 use rebond::error::Result;
-use rebond::linalg::{Cholesky, Engine, Factor, Form, LinearCombination, Native};
+use rebond::linalg::{Engine, Factor, Form, LinearCombination, Native, SingularMassCells};
 use rebond::scheme::{Conserving, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
 use rebond::simulation::Model;
 use std::cell::Cell;
@@ -42,12 +42,11 @@ struct Counted {
 }
 
 struct CountedFactor {
-    factor: Cholesky,
+    factor: Box<dyn Factor>,
     work: Counter,
 }
 
 impl Engine for Counted {
-    type Factor = CountedFactor;
     type Comm = <Native as Engine>::Comm;
 
     fn comm(&self) -> &Self::Comm {
@@ -62,51 +61,38 @@ impl Engine for Counted {
         self.engine.dot(x, y)
     }
 
-    fn multiply(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
+    fn multiply_cells(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
         count(&self.work, |work| work.products += 1);
-        self.engine.multiply(form, x, y)
+        self.engine.multiply_cells(form, x, y)
     }
 
     fn multiply_with_magnitude(
         &self,
         matrix: &LinearCombination,
         x: &[f64],
-        y: &mut [f64],
-        m: &mut [f64],
+        products: [&mut [f64]; 2],
     ) -> Result<()> {
         count(&self.work, |work| work.checks += 1);
-        self.engine.multiply_with_magnitude(matrix, x, y, m)
+        self.engine.multiply_with_magnitude(matrix, x, products)
     }
 
-    fn velocities(&self, mass: &Form) -> usize {
-        self.engine.velocities(mass)
-    }
-
-    fn is_singular(&self, mass: &Form) -> bool {
-        self.engine.is_singular(mass)
-    }
-
-    fn project(&self, mass: &Form, x: &[f64], v: &mut [f64]) -> Result<()> {
+    fn cell_velocities(&self, mass: &SingularMassCells, x: &[f64], v: &mut [f64]) -> Result<()> {
         count(&self.work, |work| work.projections += 1);
-        self.engine.project(mass, x, v)
+        self.engine.cell_velocities(mass, x, v)
     }
 
-    fn project_transpose(&self, mass: &Form, v: &[f64], y: &mut [f64]) -> Result<()> {
+    fn cell_momenta(&self, mass: &SingularMassCells, v: &[f64], y: &mut [f64]) -> Result<()> {
         count(&self.work, |work| work.projections += 1);
-        self.engine.project_transpose(mass, v, y)
-    }
-
-    fn mass_norm_squared(&self, mass: &Form, v: &[f64]) -> Result<f64> {
-        self.engine.mass_norm_squared(mass, v)
+        self.engine.cell_momenta(mass, v, y)
     }
 
     fn diagonal(&self, matrix: &LinearCombination) -> Result<Vec<f64>> {
         self.engine.diagonal(matrix)
     }
 
-    fn factor(&self, matrix: &LinearCombination, contact_dofs: &[usize]) -> Result<CountedFactor> {
+    fn factor(&self, matrix: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
         let factor = self.engine.factor(matrix, contact_dofs)?;
-        Ok(CountedFactor { factor, work: self.work.clone() })
+        Ok(Box::new(CountedFactor { factor, work: self.work.clone() }))
     }
 }
 

@@ -67,7 +67,7 @@ fn solve_condense_expand_and_pin_agree_with_dense_algebra() {
             candidates.sort_unstable();
             let rest: Vec<usize> = (0..size).filter(|i| !candidates.contains(i)).collect();
             let mut factor = engine.factor(&(&form).into(), &candidates).unwrap();
-            assert!(!twice || engine.add_digits(&mut factor, &(&form).into()).unwrap());
+            assert!(!twice || factor.add_digits(&(&form).into()).unwrap());
             let digits = if twice { ", twice the digits" } else { "" };
             let context = format!("{size} dofs, {blocks} blocks of {width}, {count} candidates{digits}");
 

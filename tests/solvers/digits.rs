@@ -28,10 +28,10 @@ fn twice_the_digits_leave_half_of_the_loss() {
             let matrix = Newmark::matrix(&system, NewmarkParameters { beta: 0.5, restitution: 0.0, step });
             let engine = &system.engine;
             let mut factor = engine.factor(&matrix, &system.bounds.dofs).unwrap();
-            let spoilt = engine.estimate_factor_error(&matrix, &mut factor).unwrap();
-            assert!(factor.cost_of_digits().is_some() && engine.add_digits(&mut factor, &matrix).unwrap());
+            let spoilt = engine.estimate_factor_error(&matrix, factor.as_mut()).unwrap();
+            assert!(factor.cost_of_digits().is_some() && factor.add_digits(&matrix).unwrap());
             assert!(factor.cost_of_digits().is_none(), "there are no more than twice the digits");
-            let error = engine.estimate_factor_error(&matrix, &mut factor).unwrap();
+            let error = engine.estimate_factor_error(&matrix, factor.as_mut()).unwrap();
             println!("{element}, {width} m: error {spoilt:.1e}, with twice the digits {error:.1e}");
             assert!(spoilt > 3e-11, "{element}, {width} m: rounding spoils little");
             assert!(error <= 4.0 * (f64::EPSILON * spoilt).sqrt(), "{element}, {width} m: {error:e}");

@@ -29,7 +29,7 @@ fn residuals_fed_forward_keep_the_promise_and_survive_an_archive() {
             let matrix = Newmark::matrix(&model.system, parameters);
             let engine = &model.system.engine;
             let mut factor = engine.factor(&matrix, &[]).unwrap();
-            let error = engine.estimate_factor_error(&matrix, &mut factor).unwrap();
+            let error = engine.estimate_factor_error(&matrix, factor.as_mut()).unwrap();
             if !(3e-11..=1e-10).contains(&error) {
                 continue;
             }

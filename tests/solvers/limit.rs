@@ -26,7 +26,7 @@ fn compare(model: &Model, dt: f64, x: &[f64], share: f64, touches: bool) -> f64 
     let engine = &system.engine;
     let matrix = Newmark::matrix(system, NewmarkParameters { beta: 0.5, restitution: 0.0, step: dt });
     let (mut b, mut m) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-    engine.multiply_with_magnitude(&matrix, x, &mut b, &mut m).unwrap();
+    engine.multiply_with_magnitude(&matrix, x, [&mut b, &mut m]).unwrap();
     for ((b, m), error) in b.iter_mut().zip(&m).zip(noise(x.len())) {
         *b += share * error * m;
     }
@@ -56,7 +56,7 @@ fn compare(model: &Model, dt: f64, x: &[f64], share: f64, touches: bool) -> f64 
     }
     let (mut expected, mut magnitude) = (vec![0.0; b.len()], vec![0.0; b.len()]);
     let stiffness = (&system.stiffness).into();
-    engine.multiply_with_magnitude(&stiffness, answer.x, &mut expected, &mut magnitude).unwrap();
+    engine.multiply_with_magnitude(&stiffness, answer.x, [&mut expected, &mut magnitude]).unwrap();
     for ((a, b), m) in product.iter().zip(&expected).zip(&magnitude) {
         assert!((a - b).abs() <= 1e-14 * m, "{a:e} {b:e} {m:e}");
     }

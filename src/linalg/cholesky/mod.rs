@@ -115,21 +115,6 @@ impl Cholesky {
         Ok(cholesky)
     }
 
-    /// Factors the matrix again with these double-double values, none of its dofs pinned. Returns
-    /// whether the memory for that is there.
-    ///
-    /// # Errors
-    /// Returns [`Error::Singular`] where the matrix is not positive definite.
-    pub(super) fn add_digits(&mut self, values: Vec<DoubleDouble>) -> Result<bool> {
-        let (dofs, contact_dofs) = (self.order.len(), self.order.len() - self.interior);
-        if require(&Size::of(&self.symbolic, contact_dofs, true), 1, dofs).is_err() {
-            return Ok(false);
-        }
-        self.twice = Some(values);
-        self.factor(None)?;
-        Ok(true)
-    }
-
     /// Returns the size of the factor, without contact dofs, of a matrix with the given lower
     /// triangle, from the symbolic analysis alone.
     ///
@@ -149,11 +134,6 @@ impl Cholesky {
             solve += 2 * height;
         }
         (COST_OF_DIGITS * factor as f64 / solve as f64) as u32
-    }
-
-    /// Returns the number of stored entries of L.
-    pub fn entries(&self) -> usize {
-        self.values.len()
     }
 
     /// Factors the matrix numerically, with some dofs pinned or with none.

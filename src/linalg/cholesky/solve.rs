@@ -1,10 +1,12 @@
 //! Triangular solves for one right-hand side, which stop at the contact dofs.
 
+use super::size::{Size, require};
 use super::supernodes::Supernode;
 use super::{Cholesky, no_memory};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::kernels::simd::{dot4, subtract4};
-use crate::linalg::Factor;
+use crate::linalg::native::assembled_twice;
+use crate::linalg::{Factor, LinearCombination};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::LltRef;
 use faer::{Conj, Mat, Par};
@@ -12,14 +14,11 @@ use pulp::{Simd, WithSimd};
 
 impl Factor for Cholesky {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
+        let dofs = x.len();
         self.permute(x);
-        self.solve_permuted(x);
-        Ok(())
-    }
-
-    fn solve_for(&mut self, b: &[f64], x: &mut [f64]) -> Result<()> {
-        self.permute(b);
-        self.solve_permuted(x);
+        self.sweep::<true>(dofs);
+        self.sweep::<false>(dofs);
+        self.unpermute(x);
         Ok(())
     }
 
@@ -39,20 +38,34 @@ impl Factor for Cholesky {
         self.twice.is_none().then_some(self.cost_of_digits)
     }
 
+    fn add_digits(&mut self, sum: &LinearCombination) -> Result<bool> {
+        let (dofs, contact_dofs) = (self.order.len(), self.order.len() - self.interior);
+        let (_, values) = match assembled_twice(dofs, sum) {
+            Err(Error::Memory(_)) => return Ok(false),
+            assembled => assembled?,
+        };
+        if require(&Size::of(&self.symbolic, contact_dofs, true), 1, dofs).is_err() {
+            return Ok(false);
+        }
+        self.twice = Some(values);
+        self.factor(None)?;
+        Ok(true)
+    }
+
     fn schur(&self) -> &Mat<f64> {
         &self.schur
     }
 
     fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
         self.permute(b);
-        self.forward(self.interior);
+        self.sweep::<true>(self.interior);
         h.copy_from_slice(&self.x[self.interior..]);
         Ok(())
     }
 
     fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
         self.x[self.interior..].copy_from_slice(values);
-        self.backward(self.interior);
+        self.sweep::<false>(self.interior);
         self.unpermute(x);
         Ok(())
     }
@@ -86,14 +99,6 @@ impl Factor for Cholesky {
 }
 
 impl Cholesky {
-    /// Solves for the right-hand side that was permuted last.
-    fn solve_permuted(&mut self, x: &mut [f64]) {
-        let dofs = x.len();
-        self.forward(dofs);
-        self.backward(dofs);
-        self.unpermute(x);
-    }
-
     fn permute(&mut self, b: &[f64]) {
         for (x, &dof) in self.x.iter_mut().zip(&self.order) {
             *x = b[dof as usize];
@@ -106,20 +111,9 @@ impl Cholesky {
         }
     }
 
-    fn forward(&mut self, limit: usize) {
-        self.arch.dispatch(Sweep::<true> {
-            supernodes: &self.supernodes,
-            patterns: &self.patterns,
-            values: &self.values,
-            pivots: &self.pivots,
-            limit,
-            x: &mut self.x,
-            work: &mut self.work,
-        });
-    }
-
-    fn backward(&mut self, limit: usize) {
-        self.arch.dispatch(Sweep::<false> {
+    /// Solves with L, or with its transpose, for the positions before a limit.
+    fn sweep<const FORWARD: bool>(&mut self, limit: usize) {
+        self.arch.dispatch(Sweep::<FORWARD> {
             supernodes: &self.supernodes,
             patterns: &self.patterns,
             values: &self.values,

@@ -468,7 +468,7 @@ fn polish<E: Engine>(
     let (mut sizes, mut largest) = (vec![0.0; shapes.nrows()], 0.0_f64);
     for k in 0..shapes.ncols() {
         let (x, force) = (shapes.col_as_slice(k), forces.col_as_slice_mut(k));
-        engine.multiply_with_magnitude(&stiffness.into(), x, force, &mut sizes)?;
+        engine.multiply_with_magnitude(&stiffness.into(), x, [force, &mut sizes])?;
         largest = largest.max(x.iter().zip(&sizes).map(|(x, size)| x.abs() * size).sum());
     }
     let mut energies = shapes.transpose() * forces;

@@ -32,7 +32,7 @@ pub(super) fn check_rigid<E: Engine>(
     let shape = &reduction.lift * rigid;
     let x = shape.col_as_slice(0);
     let (mut force, mut sizes) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-    engine.multiply_with_magnitude(with_mass, x, &mut force, &mut sizes)?;
+    engine.multiply_with_magnitude(with_mass, x, [&mut force, &mut sizes])?;
     let size = engine.dot(&sizes, &x.iter().map(|x| x.abs()).collect::<Vec<_>>())?;
     let energy = engine.multiply(stiffness, x, &mut force)?;
     let whole = engine.multiply(stiffness, start, &mut force)?;

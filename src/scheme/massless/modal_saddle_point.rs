@@ -49,7 +49,7 @@ pub(crate) struct ModalSaddlePoint<'s, E: Engine> {
     pub modes: Rc<MassModes>,
     /// Shift s, in (rad/s)^2.
     pub shift: f64,
-    factor: RefCell<E::Factor>,
+    factor: RefCell<Box<dyn Factor>>,
     /// Number of rounds of the iteration.
     rounds: usize,
     /// Displacements per unit force, kept between runs.

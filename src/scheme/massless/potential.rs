@@ -98,7 +98,7 @@ pub struct Potential<'s, E: Engine> {
     /// Matrices K + s M and K.
     sum: LinearCombination<'s>,
     stiffness: LinearCombination<'s>,
-    solver: Condensed<E>,
+    solver: Condensed,
     check: KktCheck,
     factorisations: u64,
     bounds: Bounds,
@@ -214,7 +214,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 largest = engine.mass_norm_squared(mass, &velocity)?.sqrt();
             }
             // Rayleigh quotient of the displacement with this velocity.
-            engine.multiply_with_magnitude(&alone, &x, &mut b, &mut sizes)?;
+            engine.multiply_with_magnitude(&alone, &x, [&mut b, &mut sizes])?;
             let elastic = engine.multiply(stiffness, &x, &mut b)?;
             x.iter_mut().for_each(|x| *x = x.abs());
             all_rigid |= elastic <= RIGID * RIGID * engine.dot(&x, &sizes)?;
@@ -323,7 +323,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         let (mut report, mut missed) = self.rounds(increment, length, instant)?;
         // The penalty gives neighbouring nodes nearly equal flexibility: where both touch, their
         // Schur complement may consist of rounding errors.
-        let poor = missed || report.kkt.is_nan() || report.kkt > self.solver.tolerance();
+        let poor = missed || report.kkt.is_nan() || report.kkt > Solver::<E>::tolerance(&self.solver);
         if poor && self.solver.distrust(engine, &self.sum)? {
             for (kept, to) in self.from.iter().zip([&mut self.u, &mut self.multiplier, &mut self.residual]) {
                 to.clone_from(kept);
@@ -388,7 +388,7 @@ impl<'s, E: Engine> Potential<'s, E> {
             let kkt = self.check.residual(engine, &problem, &[load, varying], &answer)?;
             let last = std::mem::replace(&mut report.kkt, kkt);
             // Where cell sizes differ much, p converges before U is in equilibrium.
-            if kkt <= self.solver.tolerance() || kkt.is_nan() || kkt > 0.5 * last {
+            if kkt <= Solver::<E>::tolerance(&self.solver) || kkt.is_nan() || kkt > 0.5 * last {
                 break;
             }
         }
@@ -402,7 +402,7 @@ impl<'s, E: Engine> Potential<'s, E> {
 
     /// Returns the number of numeric factorisations so far.
     pub fn factorisations(&self) -> u64 {
-        self.factorisations + self.solver.factorisations()
+        self.factorisations + Solver::<E>::factorisations(&self.solver)
     }
 }
 

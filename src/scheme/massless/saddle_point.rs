@@ -19,7 +19,7 @@ const CORRECTIONS: usize = 2;
 const LEAST_SHIFT: f64 = 1e-6;
 
 /// Returns the solutions for forces, column by column.
-pub(crate) fn solved(factor: &mut impl Factor, mut forces: Mat<f64>) -> Result<Mat<f64>> {
+pub(crate) fn solved(factor: &mut dyn Factor, mut forces: Mat<f64>) -> Result<Mat<f64>> {
     for j in 0..forces.ncols() {
         factor.solve(forces.col_as_slice_mut(j))?;
     }
@@ -61,7 +61,7 @@ pub(crate) struct CellSaddlePoint<'s, E: Engine> {
     system: &'s System<E>,
     basis: Rc<VelocityBasis>,
     shift: f64,
-    factor: RefCell<E::Factor>,
+    factor: RefCell<Box<dyn Factor>>,
     /// Solution (K + s M)^-1 B~^T, n x N.
     columns: Mat<f64>,
     /// Cholesky factor of B~ (K + s M)^-1 B~^T, N x N.
@@ -112,7 +112,7 @@ impl<'s, E: Engine> CellSaddlePoint<'s, E> {
 
     /// Returns one solution with the factor, without correction.
     fn propose(&self, forces: Mat<f64>, positions: &Mat<f64>) -> Result<(Mat<f64>, Mat<f64>)> {
-        let mut u = solved(&mut *self.factor.borrow_mut(), forces)?;
+        let mut u = solved(self.factor.borrow_mut().as_mut(), forces)?;
         let mut acceleration = self.basis.of(self.system, &u)?;
         acceleration -= positions;
         self.schur.solve_in_place(&mut acceleration);
@@ -149,7 +149,7 @@ impl<E: Engine> SaddlePointSolver for CellSaddlePoint<'_, E> {
     }
 
     fn unconstrained(&self, forces: Mat<f64>) -> Result<Mat<f64>> {
-        solved(&mut *self.factor.borrow_mut(), forces)
+        solved(self.factor.borrow_mut().as_mut(), forces)
     }
 
     fn shift(&self) -> f64 {

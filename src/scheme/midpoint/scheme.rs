@@ -67,10 +67,7 @@ pub struct Midpoint<'s, E: Engine> {
     balance: Option<StepBalance>,
 }
 
-impl<'s, E: Engine + 'static> Midpoint<'s, E>
-where
-    E::Factor: 'static,
-{
+impl<'s, E: Engine + 'static> Midpoint<'s, E> {
     /// Starts the scheme with the condensed solver and a step of `dt` seconds.
     ///
     /// # Errors

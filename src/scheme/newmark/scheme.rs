@@ -14,10 +14,7 @@ use crate::scheme::{Approach, Friction, Scheme, Start, StepBalance, StepRecord, 
 use crate::vi::{Condensed, Solver};
 use std::cell::RefCell;
 
-impl<'s, E: Engine + 'static> Newmark<'s, E>
-where
-    E::Factor: 'static,
-{
+impl<'s, E: Engine + 'static> Newmark<'s, E> {
     /// Starts the scheme with the condensed solver.
     ///
     /// # Errors

@@ -94,7 +94,8 @@ impl StiffnessForce {
 
     /// Returns the elastic energy of `$U^n$`, in J. Collective.
     pub fn elastic_energy<E: Engine>(&self, system: &System<E>, u_n: &[f64]) -> Result<f64> {
-        let computed = || Ok(0.5 * system.engine.quadratic_form(&system.stiffness, u_n)?);
+        let computed =
+            || Ok(0.5 * system.engine.multiply(&system.stiffness, u_n, &mut vec![0.0; u_n.len()])?);
         self.elastic.map_or_else(computed, Ok)
     }
 

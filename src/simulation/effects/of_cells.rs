@@ -3,7 +3,7 @@
 use crate::linalg::{Engine, Native};
 
 /// Engine whose matrices the native engine builds over this process's cells.
-pub(in crate::simulation) trait OfCells: Engine<Factor: 'static> + 'static {
+pub(in crate::simulation) trait OfCells: Engine + 'static {
     /// Returns the native engine.
     fn native(&self) -> &Native;
 }

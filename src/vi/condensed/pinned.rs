@@ -17,9 +17,14 @@ use faer::{Mat, Side as Triangle};
 /// take at most some five exchanges more without, which cost as much.
 const FEW: usize = 64;
 
-impl<E: Engine> Condensed<E> {
+impl Condensed {
     /// Solves a step with the active dofs pinned in the sparse matrix.
-    pub(super) fn solve_pinned(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32> {
+    pub(super) fn solve_pinned(
+        &mut self,
+        engine: &impl Engine,
+        problem: &Problem,
+        answer: &mut Answer,
+    ) -> Result<u32> {
         let Method::Pinned { pinned } = &mut self.method else { return Ok(0) };
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
@@ -37,8 +42,8 @@ impl<E: Engine> Condensed<E> {
         let mut scales = vec![0.0; bounds.len()];
         // A few digits suffice to find most of the active dofs. Once these stay, or come back, the
         // answers have all digits.
-        let mut is_rough = true;
-        let improves = self.factor.prefers_pinning();
+        let improves = self.factor.cascade().is_some();
+        let mut is_rough = improves;
         let mut increment = vec![0.0; b.len()];
         x.fill(0.0);
         loop {
@@ -69,10 +74,10 @@ impl<E: Engine> Condensed<E> {
                     increment[dof] = if improves { 0.0 } else { value };
                 }
             }
-            if is_rough {
-                is_rough = !self.factor.solve_roughly(&mut increment)?;
-            } else {
-                self.factor.solve_correction(norm, &mut increment)?;
+            match self.factor.cascade() {
+                Some(factor) if is_rough => factor.solve_roughly(&mut increment)?,
+                Some(factor) => factor.solve_correction(norm, &mut increment)?,
+                None => self.factor.solve(&mut increment)?,
             }
             if improves {
                 add(&increment, x);
@@ -80,7 +85,7 @@ impl<E: Engine> Condensed<E> {
                 x.copy_from_slice(&increment);
             }
             if !bounds.laws.are_rigid() {
-                let (iterations, loads) = add_yielding(engine, &mut self.factor, bounds, x)?;
+                let (iterations, loads) = add_yielding(engine, self.factor.as_mut(), bounds, x)?;
                 yields += iterations;
                 if engine.comm().all_reduce_any(loads.iter().any(|(_, force)| *force != 0.0)) {
                     // The sum of the displacements without these forces and by them has lost the
@@ -94,7 +99,7 @@ impl<E: Engine> Condensed<E> {
                     add(&increment, x);
                 }
             }
-            engine.multiply_with_magnitude(matrix, x, &mut residual, &mut magnitude)?;
+            engine.multiply_with_magnitude(matrix, x, [&mut residual, &mut magnitude])?;
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 at_bounds[i] = x[dof];
                 let force = residual[dof] - b[dof];
@@ -125,7 +130,11 @@ impl<E: Engine> Condensed<E> {
             }
             if is_rough && exchange.iterations == 1 && count > FEW {
                 let bounded = BoundedDofs { dofs: &bounds.dofs, limits: [&lower, &upper] };
-                if start_coarsely(&mut self.factor, b, &bounded, x, &mut self.sides)? {
+                let mut signs: Vec<i8> = self.sides.iter().map(|side| side.sign()).collect();
+                if let Some(factor) = self.factor.cascade()
+                    && factor.find_contact(b, &bounded, x, &mut signs)?
+                {
+                    self.sides = signs.into_iter().map(BoundStatus::of_sign).collect();
                     exchange.forget();
                     continue;
                 }
@@ -143,23 +152,6 @@ impl<E: Engine> Condensed<E> {
     }
 }
 
-/// Sets unknown and statuses to those that coarser problems suggest. Returns whether there are any.
-/// Collective.
-fn start_coarsely<F: Factor>(
-    factor: &mut F,
-    b: &[f64],
-    bounded: &BoundedDofs,
-    x: &mut [f64],
-    sides: &mut [BoundStatus],
-) -> Result<bool> {
-    let mut codes: Vec<i8> = sides.iter().map(|side| side.sign()).collect();
-    let found = factor.find_contact(b, bounded, x, &mut codes)?;
-    if found {
-        sides.iter_mut().zip(codes).for_each(|(side, sign)| *side = BoundStatus::of_sign(sign));
-    }
-    Ok(found)
-}
-
 /// Displacement that a unit force on a bound that yields causes.
 struct UnitResponse {
     /// Place of the bound among those that yield.
@@ -174,9 +166,9 @@ struct UnitResponse {
 ///
 /// With the displacements that unit forces on the loaded bounds cause, these forces solve a dense
 /// problem whose matrix is the inverse of that compliance.
-fn add_yielding<E: Engine>(
-    engine: &E,
-    factor: &mut E::Factor,
+fn add_yielding(
+    engine: &impl Engine,
+    factor: &mut dyn Factor,
     bounds: &Bounds,
     x: &mut [f64],
 ) -> Result<(u32, Vec<(usize, f64)>)> {

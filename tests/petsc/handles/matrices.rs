@@ -192,7 +192,7 @@ fn multigrid_holds_dofs(arguments: &[String]) -> Result<()> {
             values.push(value);
         }
     }
-    let mut p = Matrix::from_pattern(&context, Comm::World, [local, mine.len()], rows, columns)?;
+    let mut p = Matrix::from_pattern(&context, Comm::World, [local, mine.len()], [rows, columns], None)?;
     p.set_values(&values)?;
     let p = p.without_triplets()?;
     let mut solver = Ksp::new(&context, Comm::World, "")?;
