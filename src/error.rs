@@ -144,6 +144,11 @@ impl Error {
         }
     }
 
+    /// Returns the error of a file whose contents are wrong.
+    pub fn invalid(path: impl Into<PathBuf>, what: impl Into<String>) -> Error {
+        Error::io(path)(std::io::Error::new(std::io::ErrorKind::InvalidData, what.into()))
+    }
+
     /// Returns a function that attaches a path to an input or output error.
     pub fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.into();

@@ -6,6 +6,13 @@ use nalgebra::Vector2;
 
 use crate::error::{Error, Result};
 
+/// Returns the least and the greatest of some numbers, leaving NaN out; infinite ones, the wrong
+/// way round, for no number.
+pub fn range(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
+    let ends = [f64::INFINITY, f64::NEG_INFINITY];
+    values.into_iter().fold(ends, |[low, high], value| [low.min(value), high.max(value)])
+}
+
 /// Point of the plate's mid-plane, in m.
 pub type Point = nalgebra::Point2<f64>;
 
