@@ -7,9 +7,10 @@ use std::str::FromStr;
 use crate::error::{Error, Result};
 
 /// Encoding of numbers.
-#[derive(Clone, Copy, PartialEq, Eq)]
+#[derive(Clone, Copy, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// Words between white space.
+    #[default]
     Text,
     /// Fixed width, lowest byte first.
     LittleEndian,
@@ -19,6 +20,7 @@ pub enum Encoding {
 
 /// Position in a file, which every read advances. The `expected` arguments say in error messages
 /// what should stand there.
+#[derive(Default)]
 pub struct Cursor<'a> {
     file: &'a str,
     bytes: &'a [u8],

@@ -99,7 +99,7 @@ impl Sections<'_> {
     }
 
     fn blocks_of(&self, dimension: usize) -> impl Iterator<Item = &Block> + Clone {
-        let some = move |block: &&Block| block.shape.dimension() == dimension && !block.nodes.is_empty();
+        let some = move |block: &&Block| block.shape.dimension == dimension && !block.nodes.is_empty();
         self.blocks.iter().filter(some)
     }
 
@@ -162,7 +162,7 @@ impl Sections<'_> {
         let mut cell_numbers: HashMap<Cell, usize> = HashMap::new();
         for block in self.blocks_of(2) {
             let mut members = Vec::new();
-            for nodes in block.nodes.chunks_exact(block.shape.nodes()) {
+            for nodes in block.nodes.chunks_exact(block.shape.nodes) {
                 let mut nodes: Vec<usize> = nodes.iter().filter_map(|&index| numbers[index]).collect();
                 let vertices: Vec<Point> = nodes.iter().map(|&node| mesh.nodes[node]).collect();
                 if geometry::area(&vertices) < 0.0 {

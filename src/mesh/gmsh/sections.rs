@@ -23,13 +23,12 @@ pub struct Block {
     pub nodes: Vec<usize>,
 }
 
-/// Shapes of elements that a plate can use.
+/// Shape of elements that a plate can use.
 #[derive(Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
-    Point,
-    Line,
-    Triangle,
-    Quadrangle,
+pub struct Shape {
+    pub dimension: usize,
+    /// Number of nodes.
+    pub nodes: usize,
 }
 
 impl Shape {
@@ -37,10 +36,10 @@ impl Shape {
         const SOLID: &str = "a plate is flat: mesh its surfaces only";
         const CURVED: &str = "cells have straight edges: set Mesh.ElementOrder = 1";
         let (name, advice) = match kind {
-            15 => return Ok(Shape::Point),
-            1 => return Ok(Shape::Line),
-            2 => return Ok(Shape::Triangle),
-            3 => return Ok(Shape::Quadrangle),
+            15 => return Ok(Shape { dimension: 0, nodes: 1 }),
+            1 => return Ok(Shape { dimension: 1, nodes: 2 }),
+            2 => return Ok(Shape { dimension: 2, nodes: 3 }),
+            3 => return Ok(Shape { dimension: 2, nodes: 4 }),
             4 => ("4-node tetrahedron", SOLID),
             5 => ("8-node hexahedron", SOLID),
             6 => ("6-node prism", SOLID),
@@ -57,26 +56,10 @@ impl Shape {
         };
         Err(format!("found a {name} (type {kind}); {advice}"))
     }
-
-    pub fn nodes(self) -> usize {
-        match self {
-            Shape::Point => 1,
-            Shape::Line => 2,
-            Shape::Triangle => 3,
-            Shape::Quadrangle => 4,
-        }
-    }
-
-    pub fn dimension(self) -> usize {
-        match self {
-            Shape::Point => 0,
-            Shape::Line => 1,
-            Shape::Triangle | Shape::Quadrangle => 2,
-        }
-    }
 }
 
 /// Contents of the sections.
+#[derive(Default)]
 pub struct Sections<'a> {
     pub cursor: Cursor<'a>,
     /// Names of physical groups, with their positions in the file, by dimension and number.
@@ -91,24 +74,17 @@ pub struct Sections<'a> {
 
 impl<'a> Sections<'a> {
     pub fn read(cursor: Cursor<'a>) -> Result<Sections<'a>> {
-        let mut sections = Sections {
-            cursor,
-            names: BTreeMap::new(),
-            entities: HashMap::new(),
-            nodes: Vec::new(),
-            indices: HashMap::new(),
-            blocks: Vec::new(),
-        };
+        let mut sections = Sections { cursor, ..Sections::default() };
         let legacy = sections.format()?;
         let mut seen = HashSet::new();
         while let Some((name, place)) = sections.cursor.section()? {
-            let parsed = match (name, legacy) {
+            let parse: fn(&mut Sections<'a>) -> Result<()> = match (name, legacy) {
                 ("PhysicalNames", _) => Sections::physical_names,
-                ("Nodes", true) => Sections::legacy_nodes,
-                ("ParametricNodes", true) => Sections::legacy_parametric_nodes,
+                ("Nodes", true) => |sections| sections.legacy_nodes(false),
+                ("ParametricNodes", true) => |sections| sections.legacy_nodes(true),
                 ("Elements", true) => Sections::legacy_elements,
-                ("Entities", false) => Sections::entities,
-                ("PartitionedEntities", false) => Sections::partitioned_entities,
+                ("Entities", false) => |sections| sections.entities(false),
+                ("PartitionedEntities", false) => |sections| sections.entities(true),
                 ("Nodes", false) => Sections::nodes,
                 ("Elements", false) => Sections::elements,
                 _ => {
@@ -122,7 +98,7 @@ impl<'a> Sections<'a> {
             if sections.cursor.encoding != Encoding::Text {
                 sections.cursor.end_line()?;
             }
-            parsed(&mut sections)?;
+            parse(&mut sections)?;
             sections.cursor.end_section(name)?;
         }
         Ok(sections)
@@ -208,27 +184,18 @@ impl<'a> Sections<'a> {
         Ok(())
     }
 
-    /// Reads `$Entities`: elements on a curve belong to the groups of the curve.
-    fn entities(&mut self) -> Result<()> {
-        self.entities_of(false)
-    }
-
-    /// Reads `$PartitionedEntities`: the pieces of the entities, each with the groups of the whole.
-    fn partitioned_entities(&mut self) -> Result<()> {
-        self.cursor.size("the number of partitions")?;
-        let ghosts = self.cursor.size("the number of ghost entities")?;
-        for _ in 0..2 * self.cursor.claim(ghosts, "ghost entities", 2)? {
-            self.cursor.int("a ghost entity")?;
+    /// Reads `$Entities`, or `$PartitionedEntities`, the pieces of the entities, each with the
+    /// groups of the whole: elements on a curve belong to the groups of the curve.
+    fn entities(&mut self, partitioned: bool) -> Result<()> {
+        if partitioned {
+            self.cursor.size("the number of partitions")?;
+            let ghosts = self.cursor.size("the number of ghost entities")?;
+            for _ in 0..2 * self.cursor.claim(ghosts, "ghost entities", 2)? {
+                self.cursor.int("a ghost entity")?;
+            }
         }
-        self.entities_of(true)
-    }
-
-    fn entities_of(&mut self, partitioned: bool) -> Result<()> {
-        let mut counts = [0; 4];
-        for count in &mut counts {
-            *count = self.cursor.size("the number of entities of a dimension")?;
-        }
-        for (dimension, count) in counts.into_iter().enumerate() {
+        let counts = (0..4).map(|_| self.cursor.size("the number of entities of a dimension"));
+        for (dimension, count) in counts.collect::<Result<Vec<_>>>()?.into_iter().enumerate() {
             for _ in 0..self.cursor.claim(count, "entities", 5)? {
                 let number = self.cursor.int("the number of an entity")?;
                 if partitioned {
@@ -266,7 +233,7 @@ impl<'a> Sections<'a> {
             let dimension = self.cursor.int("the dimension of an entity")?;
             self.cursor.int("the number of an entity")?;
             let parameters =
-                if self.cursor.int("0, or 1 for parametric nodes")? == 0 { 0 } else { dimension.clamp(0, 3) };
+                if self.cursor.int("0, or 1 for parametric nodes")? == 0 { 0 } else { dimension };
             let count = self.cursor.size("the number of nodes")?;
             let count = self.cursor.claim(count, "nodes", 4)?;
             let mut numbers = Vec::with_capacity(count);
@@ -275,39 +242,33 @@ impl<'a> Sections<'a> {
             }
             for (place, number) in numbers {
                 let position = self.position()?;
-                for _ in 0..parameters {
-                    self.cursor.real("a parameter of a node")?;
-                }
+                self.parameters(parameters)?;
                 self.add_node(Node { number, place, position })?;
             }
         }
         self.require_total("nodes", total, self.nodes.len())
     }
 
-    /// Reads `$Nodes` of 2.2.
-    fn legacy_nodes(&mut self) -> Result<()> {
-        for _ in 0..self.legacy_count("nodes", 4)? {
+    /// Reads `$Nodes` of 2.2, or `$ParametricNodes`: each node with its entity and its parameters
+    /// there.
+    fn legacy_nodes(&mut self, parametric: bool) -> Result<()> {
+        for _ in 0..self.legacy_count("nodes", if parametric { 6 } else { 4 })? {
             let (place, number) = (self.cursor.place(), self.legacy_number()?);
             let position = self.position()?;
+            if parametric {
+                let dimension = self.cursor.int("the dimension of an entity")?;
+                self.cursor.int("the number of an entity")?;
+                // A volume has no parameters.
+                self.parameters(if dimension > 2 { 0 } else { dimension })?;
+            }
             self.add_node(Node { number, place, position })?;
         }
         Ok(())
     }
 
-    /// Reads `$ParametricNodes` of 2.2: each node with its entity and its parameters there.
-    fn legacy_parametric_nodes(&mut self) -> Result<()> {
-        for _ in 0..self.legacy_count("nodes", 6)? {
-            let (place, number) = (self.cursor.place(), self.legacy_number()?);
-            let position = self.position()?;
-            let dimension = self.cursor.int("the dimension of an entity")?;
-            self.cursor.int("the number of an entity")?;
-            // A volume has no parameters.
-            for _ in 0..if (1..=2).contains(&dimension) { dimension } else { 0 } {
-                self.cursor.real("a parameter of a node")?;
-            }
-            self.add_node(Node { number, place, position })?;
-        }
-        Ok(())
+    /// Reads the parameters of a node on an entity of some dimension.
+    fn parameters(&mut self, dimension: i64) -> Result<()> {
+        (0..dimension.clamp(0, 3)).try_for_each(|_| self.cursor.real("a parameter of a node").map(drop))
     }
 
     /// Reads `$Elements` of 4.1: blocks of one shape on one entity.
@@ -319,17 +280,17 @@ impl<'a> Sections<'a> {
             let dimension = self.cursor.int("the dimension of an entity")?;
             let entity = self.cursor.int("the number of an entity")?;
             let shape = self.shape()?;
-            if usize::try_from(dimension) != Ok(shape.dimension()) {
-                let text = format!("elements of dimension {} on an entity of {dimension}", shape.dimension());
+            if usize::try_from(dimension) != Ok(shape.dimension) {
+                let text = format!("elements of dimension {} on an entity of {dimension}", shape.dimension);
                 return Err(self.cursor.fault(place, text));
             }
             let count = self.cursor.size("the number of elements")?;
-            let count = self.cursor.claim(count, "elements", 1 + shape.nodes())?;
-            let groups = self.entities.get(&(shape.dimension(), entity)).cloned().unwrap_or_default();
-            let mut nodes = Vec::with_capacity(count * shape.nodes());
+            let count = self.cursor.claim(count, "elements", 1 + shape.nodes)?;
+            let groups = self.entities.get(&(shape.dimension, entity)).cloned().unwrap_or_default();
+            let mut nodes = Vec::with_capacity(count * shape.nodes);
             for _ in 0..count {
                 self.cursor.size("the number of an element")?;
-                for _ in 0..shape.nodes() {
+                for _ in 0..shape.nodes {
                     let place = self.cursor.place();
                     let number = self.cursor.size("the number of a node")?;
                     nodes.push(self.index(place, number)?);
@@ -373,7 +334,7 @@ impl<'a> Sections<'a> {
                 if self.blocks.last().is_none_or(|last| last.shape != shape || *last.groups != *groups) {
                     self.blocks.push(Block { shape, groups: groups.into(), nodes: Vec::new() });
                 }
-                for _ in 0..shape.nodes() {
+                for _ in 0..shape.nodes {
                     let place = self.cursor.place();
                     let number = self.legacy_number()?;
                     let index = self.index(place, number)?;
