@@ -1,11 +1,14 @@
-//! Finds PETSc and MPI and writes the Rust declarations of the PETSc functions that the crate
-//! calls. MPI is linked; the program loads PETSc where it is needed.
+//! Lists the hard scenes, which the program includes. Finds PETSc and MPI and writes the Rust
+//! declarations of the PETSc functions that the crate calls. MPI is linked; the program loads PETSc where it is needed.
 //!
 //! PETSc is that of `PETSC_DIR` (and `PETSC_ARCH`) where these are set, otherwise the one that
-//! pkg-config finds. Without the feature `petsc` this program does nothing. A missing component
+//! pkg-config finds. Without the feature `petsc` this program lists the scenes only. A missing component
 //! ends the build with one sentence that names the package to install.
 
+use std::path::Path;
+
 fn main() {
+    hard_scenes().expect("the folder scenes/hard is there");
     #[cfg(feature = "petsc")]
     match petsc::bind() {
         Ok(lines) => lines.iter().for_each(|line| println!("cargo:{line}")),
@@ -15,6 +18,23 @@ fn main() {
         }
     }
     println!("cargo:rerun-if-changed=build.rs");
+}
+
+/// Writes the names and contents of the files of `scenes/hard` as a slice of pairs.
+fn hard_scenes() -> std::io::Result<()> {
+    const FOLDER: &str = "scenes/hard";
+    let mut paths = Vec::new();
+    for entry in std::fs::read_dir(FOLDER)? {
+        paths.push(std::path::absolute(entry?.path())?);
+    }
+    paths.retain(|path| path.extension().is_some_and(|ending| ending == "toml" || ending == "msh"));
+    paths.sort();
+    let row =
+        |path: &std::path::PathBuf| format!("({:?}, include_bytes!({path:?})),\n", path.file_name().unwrap());
+    let rows: String = paths.iter().map(row).collect();
+    let out = std::env::var_os("OUT_DIR").expect("cargo sets OUT_DIR");
+    println!("cargo:rerun-if-changed={FOLDER}");
+    std::fs::write(Path::new(&out).join("hard_scenes.rs"), format!("&[{rows}]"))
 }
 
 #[cfg(feature = "petsc")]

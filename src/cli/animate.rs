@@ -1,6 +1,6 @@
 //! Command `rebond animate`.
 
-use super::help;
+use super::command::{Execute, Program};
 use super::printing::print;
 use super::run_folder::RunFolder;
 use crate::error::{Error, Result};
@@ -11,10 +11,15 @@ use clap::Args;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Draw a run's snapshots as an animated picture (APNG), which browsers and slides show.
+const EXAMPLES: &str = "\
+Examples:
+  rebond animate runs/plate
+  rebond animate runs/plate --duration 10 --width 1280 --out slides/plate.png";
+
+/// Draw a run's snapshots as an animated picture (APNG), which browsers and slides show
 #[derive(Debug, Args)]
-#[command(after_help = help::ANIMATE)]
-pub struct Animate {
+#[command(after_help = EXAMPLES)]
+pub(super) struct Animate {
     /// Run folder, with snapshots (output.fields_every)
     folder: PathBuf,
     /// Picture; default: plots/animation.png in the run folder
@@ -31,8 +36,8 @@ pub struct Animate {
     width: u32,
 }
 
-impl Animate {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Animate {
+    fn execute(&self, _: Program) -> Result<()> {
         if !(self.duration > 0.0 && self.duration <= 3600.0) {
             let wrong =
                 format!("--duration {}: expected a time in s greater than 0, up to 3600", self.duration);

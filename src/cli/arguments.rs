@@ -6,6 +6,8 @@ use super::printing::OutputMode;
 use crate::error::{Error, Result};
 use crate::scene::{EngineName, Scene};
 use clap::Args;
+use serde::Serialize;
+use serde_json::Value;
 use std::path::{Path, PathBuf};
 
 /// Scene file with overrides and solver settings.
@@ -67,4 +69,47 @@ pub(super) fn refuse_petsc_options(options: &[String]) -> Result<()> {
     options.first().map_or(Ok(()), |option| {
         Err(Error::Usage(format!("{option}: options after -- are for PETSc; choose it with --engine petsc")))
     })
+}
+
+/// Returns the options that are given as overrides of the keys of a table, so that they are checked
+/// like keys of the scene; each option is a text in TOML, or a flag.
+pub(super) fn overrides(table: &str, options: &impl Serialize) -> Vec<String> {
+    let options = serde_json::to_value(options).unwrap_or_default();
+    let setting = |(key, value): (&String, &Value)| match value {
+        Value::String(text) => Some(format!("{table}.{key}={text}")),
+        Value::Bool(true) => Some(format!("{table}.{key}=true")),
+        _ => None,
+    };
+    options.as_object().into_iter().flatten().filter_map(setting).collect()
+}
+
+/// Parsers of options, which return values of keys in TOML.
+pub(super) mod toml {
+    type Parsed = Result<String, std::convert::Infallible>;
+
+    pub fn word(text: &str) -> Parsed {
+        Ok(format!("{text:?}"))
+    }
+
+    pub fn words(text: &str) -> Parsed {
+        list(text, word)
+    }
+
+    pub fn numbers(text: &str) -> Parsed {
+        list(text, |number| Ok(number.to_owned()))
+    }
+
+    /// Parses the numbers of cells of a mesh, such as 10x4.
+    pub fn pair(text: &str) -> Parsed {
+        numbers(&text.replace('x', ","))
+    }
+
+    pub fn pairs(text: &str) -> Parsed {
+        list(text, pair)
+    }
+
+    fn list(text: &str, item: fn(&str) -> Parsed) -> Parsed {
+        let items: Result<Vec<String>, _> = text.split(',').map(|text| item(text.trim())).collect();
+        Ok(format!("[{}]", items?.join(", ")))
+    }
 }

@@ -1,7 +1,7 @@
 //! Commands `rebond check` and `rebond inspect`.
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
-use super::help;
+use super::command::{Execute, Program};
 use super::set_up::SetUpTold;
 use crate::error::{Error, Result};
 use crate::output::claim;
@@ -10,18 +10,29 @@ use crate::study;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// Validate a scene.
+const CHECK: &str = "\
+Examples:
+  rebond check plate.toml
+  rebond check plate.toml --set mesh.refine=2 --json";
+
+/// Read and validate a scene: its defaults, size, frequencies, advised step and expected time
 #[derive(Debug, Args)]
-#[command(after_help = help::CHECK)]
-pub struct Check {
+#[command(after_help = CHECK)]
+pub(super) struct Check {
     #[command(flatten)]
     scene: SceneArgs,
 }
 
-/// Inspect a scene's matrices.
+const INSPECT: &str = "\
+Examples:
+  rebond inspect plate.toml
+  rebond inspect plate.toml --matrices matrices";
+
+/// Natural frequencies, masses, initial energy, static deflection and inf-sup constant of a
+/// scene
 #[derive(Debug, Args)]
-#[command(after_help = help::INSPECT)]
-pub struct Inspect {
+#[command(after_help = INSPECT)]
+pub(super) struct Inspect {
     #[command(flatten)]
     scene: SceneArgs,
     /// Folder for the matrices K, M_r, M, B, C, G, F in Matrix Market form, all dofs before
@@ -33,8 +44,8 @@ pub struct Inspect {
     overwrite: bool,
 }
 
-impl Check {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Check {
+    fn execute(&self, _: Program) -> Result<()> {
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
         let _cache = self.scene.open_cache();
@@ -45,8 +56,8 @@ impl Check {
     }
 }
 
-impl Inspect {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Inspect {
+    fn execute(&self, _: Program) -> Result<()> {
         let scene = self.scene.load()?;
         refuse_petsc_options(&self.scene.petsc)?;
         self.matrices.as_ref().map_or(Ok(()), |folder| self.refuse_matrices(folder, &scene))?;
@@ -59,7 +70,9 @@ impl Inspect {
         }
         self.scene.voice.print(&inspection, &inspection)
     }
+}
 
+impl Inspect {
     /// Refuses a folder with foreign files or, without `--overwrite`, matrices of another scene.
     fn refuse_matrices(&self, folder: &Path, scene: &Scene) -> Result<()> {
         claim::refuse_foreign(folder, "matrices", "--matrices", |name| study::MATRICES.contains(&name))?;

@@ -1,7 +1,7 @@
 //! Command `rebond compare`.
 
 use super::arguments::{SceneArgs, refuse_petsc_options};
-use super::help;
+use super::command::{Execute, Program};
 use super::launch;
 #[cfg(feature = "petsc")]
 use super::ranks::{self, PATIENCE, ended};
@@ -19,10 +19,15 @@ use clap::Args;
 #[cfg(feature = "petsc")]
 use std::rc::Rc;
 
-/// Compare engines and contact solvers.
+const EXAMPLES: &str = "\
+Examples:
+  rebond compare plate.toml --set time.end=0.06
+  rebond compare plate.toml --with native,petsc,petsc:tao:gpcg";
+
+/// Run a scene on several engines and contact solvers: how far they differ, what each costs
 #[derive(Debug, Args)]
-#[command(after_help = help::COMPARE)]
-pub struct Compare {
+#[command(after_help = EXAMPLES)]
+pub(super) struct Compare {
     #[command(flatten)]
     scene: SceneArgs,
     /// Engines and contact solvers, separated by commas: native, petsc, petsc:snes, petsc:tao, the
@@ -39,8 +44,8 @@ const DEFAULT: &[&str] = if cfg!(feature = "petsc") {
     &["native"]
 };
 
-impl Compare {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Compare {
+    fn execute(&self, _: Program) -> Result<()> {
         if self.scene.engine.is_some() || self.scene.vi.is_some() {
             return Err(Error::Usage("compare takes engines and contact solvers by --with".into()));
         }
@@ -64,7 +69,9 @@ impl Compare {
         self.scene.voice.print(&comparison, &comparison)?;
         comparison.verdict()
     }
+}
 
+impl Compare {
     /// Compares on all ranks; an error that only some ranks have ends all.
     #[cfg(feature = "petsc")]
     fn on_petsc(&self, scene: &Scene, contenders: &[Contender]) -> Result<()> {

@@ -1,6 +1,6 @@
 //! Command `rebond figures`.
 
-use super::help;
+use super::command::{Execute, Program};
 use super::printing::{OutputMode, command_line};
 use crate::error::Result;
 use crate::output::claim;
@@ -9,10 +9,15 @@ use crate::study::figures;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Draw the paper's figures and judge its claims.
+const EXAMPLES: &str = "\
+Examples:
+  rebond figures
+  rebond figures --smallest-step 1e-5    # in less time";
+
+/// The six figures of CSMA 2013, and a verdict on each of the paper's claims
 #[derive(Debug, Args)]
-#[command(after_help = help::FIGURES)]
-pub struct Figures {
+#[command(after_help = EXAMPLES)]
+pub(super) struct Figures {
     /// Folder of the figures
     #[arg(long, value_name = "DIR", default_value = "figures")]
     out: PathBuf,
@@ -23,8 +28,8 @@ pub struct Figures {
     voice: OutputMode,
 }
 
-impl Figures {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Figures {
+    fn execute(&self, _: Program) -> Result<()> {
         claim::refuse_foreign(&self.out, "figure", "--out", figures::is_one)?;
         let line = moving_line("{elapsed}  {wide_msg}", None, self.voice.is_silent());
         let mut starts = |what: &str| line.set_message(what.to_owned());

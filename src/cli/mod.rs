@@ -4,10 +4,10 @@ mod animate;
 mod arguments;
 mod cache;
 mod check;
+mod command;
 mod compare;
 mod figures;
 mod hard_scenes;
-mod help;
 pub mod launch;
 mod execution;
 mod job;
@@ -33,77 +33,56 @@ mod terminal;
 use crate::error::Result;
 use crate::memory;
 use clap::error::ErrorKind;
-use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use command::{Entry, Execute};
 use std::ffi::OsString;
 
-/// Thin elastic plates that vibrate and hit rigid obstacles.
-#[derive(Debug, Parser)]
-#[command(name = "rebond", version, about, arg_required_else_help = true, after_help = help::PROGRAM)]
+/// Beginning of the work, and the exit codes.
+const BEGINNING: &str = "\
+Begin with:
+  rebond new plate            # writes plate.toml, a commented scene
+  rebond check plate.toml     # every default, natural frequencies, an advised step, warnings
+  rebond run plate.toml       # simulates, into runs/plate
+  rebond plot runs/plate      # pictures
+  rebond report runs/plate    # one page with the moving plate, for a browser
+
+Exit codes: 0 done; 2 scene or command line; 3 a solver did not converge; 4 reading or writing;
+5 the energy guard stopped the run; 130 interrupted, with a checkpoint written.";
+
+/// Commands in the order of the help.
+static COMMANDS: [Entry; 16] = [
+    Entry::new::<run::Run>("run").on_ranks(),
+    Entry::new::<resume::Resume>("resume").on_ranks(),
+    Entry::new::<check::Check>("check"),
+    Entry::new::<check::Inspect>("inspect"),
+    Entry::new::<compare::Compare>("compare").on_ranks(),
+    Entry::new::<study::Study>("study"),
+    Entry::new::<sweep::SweepArgs>("sweep").on_ranks(),
+    Entry::new::<stability::Stable>("stability"),
+    Entry::new::<figures::Figures>("figures"),
+    Entry::new::<plot::Plot>("plot"),
+    Entry::new::<report_page::ReportPage>("report"),
+    Entry::new::<animate::Animate>("animate"),
+    Entry::new::<new_scene::NewScene>("new"),
+    Entry::new::<shell::Schema>("schema"),
+    Entry::new::<shell::Completions>("completions"),
+    Entry::new::<shell::ManPages>("man"),
+];
+
+/// Returns the program with its commands.
+fn program() -> clap::Command {
+    let program = clap::Command::new(env!("CARGO_PKG_NAME"))
+        .version(env!("CARGO_PKG_VERSION"))
+        .about(env!("CARGO_PKG_DESCRIPTION"))
+        .subcommand_required(true)
+        .arg_required_else_help(true)
+        .after_help(BEGINNING);
+    program.subcommands(COMMANDS.iter().map(|entry| (entry.declare)(clap::Command::new(entry.name))))
+}
+
+/// Command line: a command with its options.
 pub struct Cli {
-    #[command(subcommand)]
-    command: Command,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    /// Simulate a scene; writes history.csv, contacts.csv, summary.json, fields and a picture into
-    /// the run folder
-    Run(run::Run),
-    /// Resume an interrupted run from its newest checkpoint, bitwise as if without interruption
-    Resume(resume::Resume),
-    /// Read and validate a scene: its defaults, size, frequencies, advised step and expected time
-    Check(check::Check),
-    /// Natural frequencies, masses, initial energy, static deflection and inf-sup constant of a
-    /// scene
-    Inspect(check::Inspect),
-    /// Run a scene on several engines and contact solvers: how far they differ, what each costs
-    Compare(compare::Compare),
-    /// Measure what accuracy costs in time: errors against seconds for schemes, masses, steps and
-    /// meshes
-    Study(Box<study::Study>),
-    /// Make many runs over one or two keys: response curves, bifurcation diagrams, maps
-    Sweep(Box<sweep::SweepArgs>),
-    /// Try every method on hard scenes, and judge its energy, residual and penetration
-    Stability(stability::Stable),
-    /// The six figures of CSMA 2013, and a verdict on each of the paper's claims
-    Figures(figures::Figures),
-    /// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and
-    /// PNG
-    Plot(plot::Plot),
-    /// Write report.html into the folder of a run, a sweep or a study: one page with the moving
-    /// plate, charts, pictures and tables, which needs no network
-    Report(report_page::ReportPage),
-    /// Draw a run's snapshots as an animated picture (APNG), which browsers and slides show
-    Animate(animate::Animate),
-    /// Write a commented scene to begin with: a falling plate, a Gmsh mesh, a shaker, ...
-    New(new_scene::NewScene),
-    /// Print the JSON schema of scenes, by which editors complete and check them
-    Schema(shell::Schema),
-    /// Print completions for a shell
-    Completions(shell::Completions),
-    /// Print a manual page, or write all of them
-    Man(shell::ManPages),
-}
-
-impl Command {
-    /// Returns the name of a command that several processes would only repeat.
-    fn of_one_process(&self) -> Option<&'static str> {
-        match self {
-            Self::Run(_) | Self::Resume(_) | Self::Compare(_) | Self::Sweep(_) => None,
-            Self::Check(_) => Some("check"),
-            Self::Inspect(_) => Some("inspect"),
-            Self::Study(_) => Some("study"),
-            Self::Stability(_) => Some("stability"),
-            Self::Figures(_) => Some("figures"),
-            Self::Plot(_) => Some("plot"),
-            Self::Report(_) => Some("report"),
-            Self::Animate(_) => Some("animate"),
-            Self::New(_) => Some("new"),
-            Self::Schema(_) => Some("schema"),
-            Self::Completions(_) => Some("completions"),
-            Self::Man(_) => Some("man"),
-        }
-    }
+    entry: &'static Entry,
+    command: Box<dyn Execute>,
 }
 
 impl Cli {
@@ -115,15 +94,16 @@ impl Cli {
         words: impl IntoIterator<Item = W>,
     ) -> std::result::Result<Cli, clap::Error> {
         let words: Vec<W> = words.into_iter().collect();
-        let read =
-            |command: clap::Command| Cli::from_arg_matches(&command.try_get_matches_from(words.clone())?);
-        match read(Cli::command()) {
+        let matches = match program().try_get_matches_from(words.clone()) {
             // Libraries that a command may do without are loaded to tell their versions.
             Err(why) if why.kind() == ErrorKind::DisplayVersion => {
-                read(Cli::command().long_version(shell::version()))
+                program().long_version(shell::version()).try_get_matches_from(words)
             }
             result => result,
-        }
+        }?;
+        let (name, matches) = matches.subcommand().expect("a command is required");
+        let entry = COMMANDS.iter().find(|entry| entry.name == name).expect("it is one of the registry");
+        Ok(Cli { entry, command: (entry.parse)(matches)? })
     }
 }
 
@@ -131,30 +111,13 @@ impl Cli {
 ///
 /// # Errors
 /// Returns the error of the command, whose [code](crate::Error::exit_code) is that of the program.
-pub fn execute(cli: &Cli) -> Result<()> {
+pub fn execute(Cli { entry, command }: &Cli) -> Result<()> {
     memory::require_some()?;
     signal::survive_full_files();
-    if let Some(name) = cli.command.of_one_process() {
-        launch::one_process(&format!("{name} runs"))?;
+    if !entry.is_on_ranks {
+        launch::one_process(&format!("{} runs", entry.name))?;
     }
-    match &cli.command {
-        Command::Run(run) => run.execute(),
-        Command::Resume(resume) => resume.execute(),
-        Command::Check(check) => check.execute(),
-        Command::Inspect(inspect) => inspect.execute(),
-        Command::Compare(compare) => compare.execute(),
-        Command::Study(study) => study.execute(),
-        Command::Sweep(sweep) => sweep.execute(),
-        Command::Stability(stability) => stability.execute(),
-        Command::Figures(figures) => figures.execute(),
-        Command::Plot(plot) => plot.execute(),
-        Command::Report(report) => report.execute(),
-        Command::Animate(animate) => animate.execute(),
-        Command::New(new) => new.execute(),
-        Command::Schema(schema) => schema.execute(),
-        Command::Completions(completions) => completions.execute(Cli::command()),
-        Command::Man(man) => man.execute(Cli::command()),
-    }
+    command.execute(program)
 }
 
 #[cfg(test)]
@@ -185,7 +148,7 @@ mod tests {
 
     #[test]
     fn the_parser_takes_every_example_of_the_help() {
-        let program = Cli::command();
+        let program = program();
         for command in std::iter::once(&program).chain(program.get_subcommands()) {
             let help =
                 command.get_after_help().unwrap_or_else(|| panic!("{}", command.get_name())).to_string();

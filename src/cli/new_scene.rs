@@ -1,16 +1,22 @@
 //! Command `rebond new`.
 
-use super::help;
+use super::command::{Execute, Program};
 use super::printing::print;
 use crate::error::{Error, Result};
 use crate::output::write_atomic;
 use clap::{Args, ValueEnum};
 use std::path::{Path, PathBuf};
 
-/// Write a commented scene to begin with.
+const EXAMPLES: &str = "\
+Examples:
+  rebond new                  # plate.toml
+  rebond new gmsh             # gmsh.toml, with the drawing and the mesh of its plate
+  rebond new shaker --out rig/strip.toml";
+
+/// Write a commented scene to begin with: a falling plate, a Gmsh mesh, a shaker, ...
 #[derive(Debug, Args)]
-#[command(after_help = help::NEW)]
-pub struct NewScene {
+#[command(after_help = EXAMPLES)]
+pub(super) struct NewScene {
     /// Kind of scene
     #[arg(value_enum, default_value_t = Template::Plate)]
     kind: Template,
@@ -62,8 +68,8 @@ impl Template {
     }
 }
 
-impl NewScene {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for NewScene {
+    fn execute(&self, _: Program) -> Result<()> {
         let files = self.kind.files();
         let template = files[0].0;
         let scene = self.out.clone().unwrap_or_else(|| template.into());

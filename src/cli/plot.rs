@@ -1,6 +1,6 @@
 //! Command `rebond plot`.
 
-use super::help;
+use super::command::{Execute, Program};
 use super::printing::print;
 use super::run_folder::{RunFolder, RunPictures};
 use crate::error::Result;
@@ -9,16 +9,22 @@ use crate::sweep::{self, SweepReport};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// Draw a run: history, energies, contacts, phase portraits, spectra and snapshots, as SVG and PNG.
+const EXAMPLES: &str = "\
+Examples:
+  rebond plot runs/plate
+  rebond plot sweeps/shaker";
+
+/// Draw a run folder: history, energies, contacts, phase portraits, spectra, snapshots; SVG and
+/// PNG
 #[derive(Debug, Args)]
-#[command(after_help = help::PLOT)]
-pub struct Plot {
+#[command(after_help = EXAMPLES)]
+pub(super) struct Plot {
     /// Folder of a run or of a sweep
     folder: PathBuf,
 }
 
-impl Plot {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Plot {
+    fn execute(&self, _: Program) -> Result<()> {
         if self.folder.join(sweep::JSON).is_file() {
             return draw_sweep(&self.folder);
         }

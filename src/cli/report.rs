@@ -16,18 +16,12 @@ const ROUNDING: f64 = 1e-9;
 pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report {
     let Outcome { energy, seconds, .. } = outcome;
     let mut report = Report::new("");
-    report.count("dofs", outcome.dofs as u64, "").count("steps", outcome.steps, "").count(
-        "  in contact",
-        outcome.contact_steps,
-        "",
-    );
+    report.count("dofs", outcome.dofs as u64, "").count("steps", outcome.steps, "");
+    report.count("  in contact", outcome.contact_steps, "");
     if outcome.steps > 0 {
         let per_step = |seconds: f64| 1e6 * seconds / outcome.steps as f64;
-        report.number("time per step", per_step(seconds.stepping), "us").number(
-            "  in the scheme",
-            per_step(seconds.blocks.advance),
-            "us",
-        );
+        report.number("time per step", per_step(seconds.stepping), "us");
+        report.number("  in the scheme", per_step(seconds.blocks.advance), "us");
     }
     if let Some(tally) = outcome.tally {
         report.count("events", tally.events, "").count("active sets", tally.active_sets, "");
@@ -35,7 +29,7 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     if let Some(impact) = outcome.first_impact {
         report
             .number("first impact", impact.time, "s")
-            .text("  at", format!("({}, {}) m", significant(impact.at[0]), significant(impact.at[1])))
+            .text("  at", place(impact.at))
             .number("  relative velocity", impact.velocity, "m/s")
             .count("most nodes in contact", outcome.most_contact_nodes as u64, "")
             .count("contacts of nodes", outcome.node_contacts, "")
@@ -56,9 +50,8 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     let is_measure = energy.start.abs() > 1e-6 * energy.min.abs().max(energy.max.abs());
     if is_measure && scene.changes().is_none() {
         let most = (energy.max - energy.start).max(energy.start - energy.min) / energy.start.abs();
-        report
-            .number("  over start", energy.end / energy.start, "")
-            .text("  largest change", two_digits(most));
+        report.number("  over start", energy.end / energy.start, "");
+        report.text("  largest change", two_digits(most));
     }
     if let Some(RelaxationStatistics { relaxed_steps, halved_steps, least_gamma, largest_gamma, .. }) =
         outcome.relaxation
@@ -83,9 +76,13 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     report
 }
 
+/// Returns a place on the plate in words.
+fn place([x, y]: [f64; 2]) -> String {
+    format!("({}, {}) m", significant(x), significant(y))
+}
+
 /// Adds the largest stress, and the forces of named supports and obstacles.
 fn add_extremes(report: &mut Report, outcome: &Outcome) {
-    let place = |[x, y]: [f64; 2]| format!("({}, {}) m", significant(x), significant(y));
     let seconds = |time: f64| format!("at {} s", significant(time));
     if let Some(Extremes { von_mises: StressPeak { value, time, at: point, surface } }) = outcome.extremes {
         let side = if surface.sign() < 0.0 { "lower" } else { "upper" };

@@ -68,7 +68,7 @@ pub(super) fn of_sweep(folder: &Path) -> Result<()> {
 /// Writes the page of a study.
 pub(super) fn of_study(folder: &Path) -> Result<()> {
     let path = folder.join(STUDY);
-    let invalid = |what: &str| Error::io(&path)(io::Error::new(io::ErrorKind::InvalidData, what.to_owned()));
+    let invalid = |what: &str| Error::invalid(&path, what);
     let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
     let study: Value = serde_json::from_slice(&bytes).map_err(|why| invalid(&why.to_string()))?;
     if study["program"] != env!("CARGO_PKG_NAME") || !study["runs"].is_array() {

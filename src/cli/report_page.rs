@@ -1,32 +1,34 @@
 //! Command `rebond report`.
 
-use super::help;
+use super::command::{Execute, Program};
 use super::printing::print;
 use super::report_many;
 use super::run_folder::RunFolder;
 use crate::error::{Error, Result};
 use crate::output::plot::Obstacle;
-use crate::output::report::{self, Frames, InlinePicture, ReportContents};
+use crate::output::report::{self, Frames, ReportContents};
 use crate::output::text::grouped;
 use crate::output::write_atomic;
 use crate::sweep;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Write report.html: one page that a browser opens without a network.
-///
-/// The page of a run tells the scene and its key numbers, shows the plate in motion beside its time
-/// series, and lists the contacts. The view needs snapshots: set output.fields_every for the run.
-/// That of a sweep or a study has their pictures and a table of their runs.
+const EXAMPLES: &str = "\
+Examples:
+  rebond report runs/plate
+  rebond report sweeps/shaker";
+
+/// Write report.html into the folder of a run, a sweep or a study: one page with the moving
+/// plate, charts, pictures and tables, which needs no network
 #[derive(Debug, Args)]
-#[command(after_help = help::REPORT)]
-pub struct ReportPage {
+#[command(after_help = EXAMPLES)]
+pub(super) struct ReportPage {
     /// Folder of a run, a sweep or a study
     folder: PathBuf,
 }
 
-impl ReportPage {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for ReportPage {
+    fn execute(&self, _: Program) -> Result<()> {
         if self.folder.join(sweep::JSON).is_file() {
             return report_many::of_sweep(&self.folder);
         }
@@ -36,12 +38,9 @@ impl ReportPage {
         let run = RunFolder::read(&self.folder)?;
         let frames = Frames::read(&run.snapshots)?;
         let figures = run.pictures()?.figures;
-        let pictures: Vec<InlinePicture> =
-            figures.into_iter().map(|(name, figure)| InlinePicture { name, svg: figure.svg() }).collect();
-        let height = |obstacle: &Obstacle| match *obstacle {
-            Obstacle::Below(height) | Obstacle::Above(height) | Obstacle::Part(height) => height,
-        };
-        let heights: Vec<f64> = run.obstacles().iter().map(height).collect();
+        let pictures: Vec<(String, String)> =
+            figures.into_iter().map(|(name, figure)| (name.to_owned(), figure.svg())).collect();
+        let heights: Vec<f64> = run.obstacles().into_iter().map(Obstacle::height).collect();
         let contents = ReportContents {
             summary: &run.summary,
             table: &run.table,

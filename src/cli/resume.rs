@@ -1,7 +1,7 @@
 //! Command `rebond resume`.
 
 use super::cache::CacheArgs;
-use super::help;
+use super::command::{Execute, Program};
 use super::job::Job;
 use super::launch;
 use super::printing::OutputMode;
@@ -10,10 +10,15 @@ use crate::output::run_files::ResumedRun;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Resume a run.
+const EXAMPLES: &str = "\
+Examples:
+  rebond resume runs/plate
+  rebond resume runs/plate --until 0.5    # beyond the end of the scene";
+
+/// Resume an interrupted run from its newest checkpoint, bitwise as if without interruption
 #[derive(Debug, Args)]
-#[command(after_help = help::RESUME)]
-pub struct Resume {
+#[command(after_help = EXAMPLES)]
+pub(super) struct Resume {
     /// Run folder with checkpoint-*.bin; with --until also with end.state
     #[arg(value_name = "DIR")]
     folder: PathBuf,
@@ -26,8 +31,8 @@ pub struct Resume {
     voice: OutputMode,
 }
 
-impl Resume {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Resume {
+    fn execute(&self, _: Program) -> Result<()> {
         let ResumedRun { run, from, damaged } = ResumedRun::new(self.folder.clone(), self.until.as_deref())?;
         if launch::rank() == 0 {
             for why in damaged {

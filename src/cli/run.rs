@@ -1,7 +1,7 @@
 //! Command `rebond run`.
 
 use super::arguments::SceneArgs;
-use super::help;
+use super::command::{Execute, Program};
 use super::job::Job;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::Identity;
@@ -10,10 +10,21 @@ use crate::output::run_files::RecordedRun;
 use clap::Args;
 use std::path::PathBuf;
 
-/// Simulate a scene.
+const EXAMPLES: &str = "\
+Examples:
+  rebond run plate.toml
+  rebond run plate.toml --set time.step=1e-6 --set time.scheme=conserving --out runs/fine
+  rebond run plate.toml --set 'load.pressure=100*sin(40*t)' --overwrite
+  rebond run plate.toml --engine petsc --vi tao -- -tao_monitor
+  mpirun -n 2 rebond run plate.toml
+
+Ctrl-C writes a checkpoint; `rebond resume` goes on from it.";
+
+/// Simulate a scene; writes history.csv, contacts.csv, summary.json, fields and a picture into
+/// the run folder
 #[derive(Debug, Args)]
-#[command(after_help = help::RUN)]
-pub struct Run {
+#[command(after_help = EXAMPLES)]
+pub(super) struct Run {
     #[command(flatten)]
     scene: SceneArgs,
     /// Run folder; default: runs/ and the scene file's name
@@ -24,8 +35,8 @@ pub struct Run {
     overwrite: bool,
 }
 
-impl Run {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Run {
+    fn execute(&self, _: Program) -> Result<()> {
         let scene = self.scene.load()?;
         let folder = self.scene.folder(self.out.as_deref(), "runs");
         let file = std::path::absolute(&self.scene.scene).map_err(Error::io(&self.scene.scene))?;

@@ -3,7 +3,8 @@
 use crate::error::{Error, Result};
 use crate::output::contacts::Contact;
 use crate::output::history::Table;
-use crate::output::plot::{Figure, Obstacle, forces, perspective, run};
+use crate::output::plot::perspective::{self, ColorBy};
+use crate::output::plot::{Figure, Obstacle, forces, run};
 use crate::output::resolved::{obstacles, quantity};
 use crate::output::vtu::{self, Surface};
 use crate::output::{checkpoint, contacts, extremes, history, summary};
@@ -38,7 +39,7 @@ impl RunFolder {
         let summary = read_summary(folder)?;
         let table = history::read(folder)?.with_quantities(|name| quantity(&summary["scene"], name));
         if table.rows() == 0 {
-            return Err(invalid(&folder.join(history::FILE), "no rows"));
+            return Err(Error::invalid(folder.join(history::FILE), "no rows"));
         }
         Ok(RunFolder {
             folder: folder.to_owned(),
@@ -93,12 +94,15 @@ impl RunFolder {
             absent.push("no snapshots: the run wrote no fields (output.fields_every)");
         } else {
             if snapshots.iter().all(|(_, surface)| !surface.von_mises.is_empty()) {
-                figures.push(("stresses", perspective::stresses(snapshots.clone(), title)));
+                figures.push(("stresses", perspective::colored(snapshots.clone(), title, ColorBy::VonMises)));
             }
-            figures.push(("snapshots", perspective::snapshots(snapshots, title)));
+            figures.push(("snapshots", perspective::colored(snapshots, title, ColorBy::Deflection)));
         }
         if let Some(path) = extremes::find(folder) {
-            figures.push(("extremes", perspective::envelope(vtu::read(&path)?, title)));
+            figures.push((
+                "extremes",
+                perspective::colored(vec![(0.0, vtu::read(&path)?)], title, ColorBy::Envelope),
+            ));
         }
         Ok(RunPictures { figures, absent })
     }
@@ -126,15 +130,11 @@ fn read_summary(folder: &Path) -> Result<Value> {
         text => text.map_err(Error::io(&path))?,
     };
     let summary: Value =
-        serde_json::from_str(&text).map_err(|why| invalid(&path, &format!("damaged: {why}")))?;
+        serde_json::from_str(&text).map_err(|why| Error::invalid(&path, format!("damaged: {why}")))?;
     if summary["program"] != env!("CARGO_PKG_NAME") || !summary["scene"].is_object() {
-        return Err(invalid(&path, "not the summary of a run of rebond"));
+        return Err(Error::invalid(&path, "not the summary of a run of rebond"));
     }
     Ok(summary)
-}
-
-fn invalid(path: &Path, what: &str) -> Error {
-    Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, what.to_owned()))
 }
 
 /// Returns the sides of a resolved scene's rectangle, in m; none where a file gives the mesh.

@@ -1,6 +1,6 @@
 //! Commands `rebond completions`, `rebond man` and `rebond schema`, and the text of `--version`.
 
-use super::help;
+use super::command::{Execute, Program};
 use super::printing::{json, print};
 use crate::error::{Error, Result, suggestion};
 use crate::output::write_atomic;
@@ -11,19 +11,31 @@ use clap::Args;
 use clap_complete::Shell;
 use std::path::PathBuf;
 
-/// Print completions for a shell.
+const COMPLETIONS: &str = "\
+Examples:
+  rebond completions bash > ~/.local/share/bash-completion/completions/rebond
+  rebond completions zsh > ~/.zfunc/_rebond
+  rebond completions fish > ~/.config/fish/completions/rebond.fish";
+
+/// Print completions for a shell
 #[derive(Debug, Args)]
-#[command(after_help = help::COMPLETIONS)]
-pub struct Completions {
+#[command(after_help = COMPLETIONS)]
+pub(super) struct Completions {
     /// Shell
     #[arg(value_enum)]
     shell: Shell,
 }
 
-/// Print a manual page, or write all of them.
+const MAN: &str = "\
+Examples:
+  rebond man | man -l -
+  rebond man sweep | man -l -
+  rebond man --out ~/.local/share/man/man1    # all pages";
+
+/// Print a manual page, or write all of them
 #[derive(Debug, Args)]
-#[command(after_help = help::MAN)]
-pub struct ManPages {
+#[command(after_help = MAN)]
+pub(super) struct ManPages {
     /// Command whose page is printed; default: that of the program
     command: Option<String>,
     /// Folder into which all pages are written instead
@@ -31,21 +43,29 @@ pub struct ManPages {
     out: Option<PathBuf>,
 }
 
-/// Print the JSON schema of scenes.
-#[derive(Debug, Args)]
-#[command(after_help = help::SCHEMA)]
-pub struct Schema {}
+const SCHEMA: &str = "\
+Example:
+  rebond schema > scene.schema.json
 
-impl Completions {
-    pub(super) fn execute(&self, mut program: clap::Command) -> Result<()> {
+Editors with a TOML language server complete and check a scene whose first line is
+#:schema ./scene.schema.json";
+
+/// Print the JSON schema of scenes, by which editors complete and check them
+#[derive(Debug, Args)]
+#[command(after_help = SCHEMA)]
+pub(super) struct Schema {}
+
+impl Execute for Completions {
+    fn execute(&self, program: Program) -> Result<()> {
         let mut script = Vec::new();
-        clap_complete::generate(self.shell, &mut program, env!("CARGO_PKG_NAME"), &mut script);
+        clap_complete::generate(self.shell, &mut program(), env!("CARGO_PKG_NAME"), &mut script);
         print(&String::from_utf8_lossy(&script))
     }
 }
 
-impl ManPages {
-    pub(super) fn execute(&self, mut program: clap::Command) -> Result<()> {
+impl Execute for ManPages {
+    fn execute(&self, program: Program) -> Result<()> {
+        let mut program = program();
         // Each subcommand gets its whole name, such as `rebond run`.
         program.build();
         let commands = || program.get_subcommands().filter(|command| command.get_name() != "help");
@@ -81,9 +101,8 @@ fn page(command: &clap::Command) -> Result<String> {
     Ok(String::from_utf8_lossy(&page).into_owned())
 }
 
-impl Schema {
-    #[allow(clippy::unused_self)]
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Schema {
+    fn execute(&self, _: Program) -> Result<()> {
         print(&json(&scene::schema())?)
     }
 }

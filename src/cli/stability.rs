@@ -1,8 +1,8 @@
 //! Command `rebond stability`.
 
 use super::cache::CacheArgs;
+use super::command::{Execute, Program};
 use super::hard_scenes::HardScenes;
-use super::help;
 use super::printing::OutputMode;
 use crate::error::{Error, Result};
 #[cfg(feature = "petsc")]
@@ -18,10 +18,15 @@ use crate::study::stability::{self, Case, Stability, Trial};
 use clap::Args;
 use std::path::{Path, PathBuf};
 
-/// Try every method on hard scenes.
+const EXAMPLES: &str = "\
+Examples:
+  rebond stability
+  rebond stability plate.toml --with native,petsc:tao";
+
+/// Try every method on hard scenes, and judge its energy, residual and penetration
 #[derive(Debug, Args)]
-#[command(after_help = help::STABILITY)]
-pub struct Stable {
+#[command(after_help = EXAMPLES)]
+pub(super) struct Stable {
     /// Scene files, or folders of them; default: the hard scenes that come with the program
     #[arg(value_name = "SCENES")]
     scenes: Vec<PathBuf>,
@@ -38,8 +43,8 @@ pub struct Stable {
     voice: OutputMode,
 }
 
-impl Stable {
-    pub(super) fn execute(&self) -> Result<()> {
+impl Execute for Stable {
+    fn execute(&self, _: Program) -> Result<()> {
         let _cache = self.cache.open(self.voice.is_silent());
         let contenders = self.with.iter().map(|name| Contender::parse(name)).collect::<Result<Vec<_>>>()?;
         let unpacked = if self.scenes.is_empty() { Some(HardScenes::unpack()?) } else { None };
@@ -65,7 +70,9 @@ impl Stable {
         }
         self.report(scenes, &contenders, |_, scene, method| Ok(stability::run_native(scene, method)))
     }
+}
 
+impl Stable {
     /// Runs all trials and reports them.
     fn report(
         &self,

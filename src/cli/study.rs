@@ -1,7 +1,7 @@
 //! Command `rebond study`.
 
-use super::arguments::{SceneArgs, refuse_petsc_options};
-use super::help;
+use super::arguments::{SceneArgs, overrides, refuse_petsc_options, toml};
+use super::command::{Execute, Program};
 use super::printing::{command_line, print};
 use crate::error::{Error, Result};
 use crate::input;
@@ -21,15 +21,24 @@ use crate::study::accuracy::trajectory::Trajectory;
 use crate::study::accuracy::{self, Accuracy, Runner, Watch, pictures};
 use clap::Args;
 use indicatif::{HumanDuration, ProgressBar};
+use serde::Serialize;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Measure what accuracy costs in time.
+const EXAMPLES: &str = "\
+Examples:
+  rebond study plate.toml
+  rebond study plate.toml --set 'study.schemes=[\"newmark\", \"conserving\"]' --jobs 2
+
+The table [study] of the scene says what is compared; without it a usual choice is.";
+
+/// Measure what accuracy costs in time: errors against seconds for schemes, masses, steps and
+/// meshes
 // Studies open no cache of modes: the measured set-up of each run computes its own.
 #[derive(Debug, Args)]
-#[command(after_help = help::STUDY)]
-pub struct Study {
+#[command(after_help = EXAMPLES)]
+pub(super) struct Study {
     #[command(flatten)]
     scene: SceneArgs,
     /// Folder of study.csv, study.json and plots; default: studies/ and the scene file's name
@@ -46,103 +55,67 @@ pub struct Study {
 }
 
 /// Lists of `[study]`, each separated by commas.
-#[derive(Debug, Args)]
+#[derive(Debug, Args, Serialize)]
 #[command(next_help_heading = "What to compare, instead of the scene's [study]")]
 struct Lists {
     /// Time schemes
-    #[arg(long, value_name = "NAMES")]
+    #[arg(long, value_parser = toml::words, value_name = "NAMES")]
     schemes: Option<String>,
     /// Masses: singular, consistent, modal
-    #[arg(long, value_name = "NAMES")]
+    #[arg(long, value_parser = toml::words, value_name = "NAMES")]
     masses: Option<String>,
     /// Numbers of modes of the modal mass
-    #[arg(long, value_name = "NUMBERS")]
+    #[arg(long, value_parser = toml::numbers, value_name = "NUMBERS")]
     modes: Option<String>,
     /// Restitution coefficients of newmark
-    #[arg(long, value_name = "NUMBERS")]
+    #[arg(long, value_parser = toml::numbers, value_name = "NUMBERS")]
     restitutions: Option<String>,
     /// Time steps in s
-    #[arg(long, value_name = "NUMBERS")]
+    #[arg(long, value_parser = toml::numbers, value_name = "NUMBERS")]
     steps: Option<String>,
     // Elements: their list is the registry's.
-    #[arg(long, value_name = "NAMES", help = format!("Elements: {}", ElementKind::ALL.map(ElementKind::name).join(", ")))]
+    #[arg(long, value_parser = toml::words, value_name = "NAMES", help = format!("Elements: {}", ElementKind::ALL.map(ElementKind::name).join(", ")))]
     elements: Option<String>,
     /// Meshes, such as 10x4,20x8
-    #[arg(long, value_name = "NXxNY")]
+    #[arg(long, value_parser = toml::pairs, value_name = "NXxNY")]
     cells: Option<String>,
     /// Uniform refinements
-    #[arg(long, value_name = "NUMBERS")]
+    #[arg(long, value_parser = toml::numbers, value_name = "NUMBERS")]
     refinements: Option<String>,
     /// Engines: native, petsc
-    #[arg(long, value_name = "NAMES")]
+    #[arg(long, value_parser = toml::words, value_name = "NAMES")]
     engines: Option<String>,
     /// Contact solvers: condensed, snes, tao
-    #[arg(long, value_name = "NAMES")]
+    #[arg(long, value_parser = toml::words, value_name = "NAMES")]
+    #[serde(rename = "vi")]
     solvers: Option<String>,
     /// Mesh that measures the error in space, such as 40x16
-    #[arg(long, value_name = "NXxNY")]
+    #[arg(long, value_parser = toml::pair, value_name = "NXxNY")]
+    #[serde(rename = "reference_cells")]
     reference: Option<String>,
     /// Mass of the motion on that mesh: singular, modal
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_parser = toml::word, value_name = "NAME")]
     reference_mass: Option<String>,
     /// Number of modes of that motion
     #[arg(long, value_name = "N")]
-    reference_modes: Option<usize>,
+    reference_modes: Option<String>,
     /// Runs to leave out, by words of their names such as "80x32 newmark 2e-6"
-    #[arg(long, value_name = "WORDS")]
+    #[arg(long, value_parser = toml::words, value_name = "WORDS")]
     skip: Option<String>,
     /// Instants in s at which errors of the whole deflection are reported
-    #[arg(long, value_name = "NUMBERS")]
+    #[arg(long, value_parser = toml::numbers, value_name = "NUMBERS")]
     at: Option<String>,
     /// Horizon that ranks the runs: first_impact, second_impact, end
-    #[arg(long, value_name = "PART")]
+    #[arg(long, value_parser = toml::word, value_name = "PART")]
     until: Option<String>,
     /// Timed repetitions of each run
     #[arg(long, value_name = "N")]
-    repeat: Option<u32>,
+    repeat: Option<String>,
 }
 
-impl Lists {
-    /// Returns the lists as overrides, so that they are checked like keys of the scene.
-    fn overrides(&self) -> Vec<String> {
-        let list = |text: &str, quoted: fn(&str) -> String| {
-            let items: Vec<String> = text.split(',').map(|item| quoted(item.trim())).collect();
-            format!("[{}]", items.join(", "))
-        };
-        let plain = |item: &str| item.to_owned();
-        let word = |item: &str| format!("{item:?}");
-        let pair = |item: &str| format!("[{}]", item.replace('x', ", "));
-        let entry = |key: &str, text: &Option<String>, quoted: fn(&str) -> String| {
-            text.as_ref().map(|text| format!("study.{key}={}", list(text, quoted)))
-        };
-        [
-            entry("schemes", &self.schemes, word),
-            entry("masses", &self.masses, word),
-            entry("modes", &self.modes, plain),
-            entry("restitutions", &self.restitutions, plain),
-            entry("steps", &self.steps, plain),
-            entry("elements", &self.elements, word),
-            entry("cells", &self.cells, pair),
-            entry("refinements", &self.refinements, plain),
-            entry("engines", &self.engines, word),
-            entry("vi", &self.solvers, word),
-            self.reference.as_deref().map(|item| format!("study.reference_cells={}", pair(item))),
-            self.reference_mass.as_deref().map(|mass| format!("study.reference_mass={}", word(mass))),
-            self.reference_modes.map(|count| format!("study.reference_modes={count}")),
-            entry("skip", &self.skip, word),
-            entry("at", &self.at, plain),
-            self.until.as_deref().map(|item| format!("study.until={}", word(item))),
-            self.repeat.map(|count| format!("study.repeat={count}")),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
-    }
-}
-
-impl Study {
-    pub(super) fn execute(&self) -> Result<()> {
-        let scene = self.scene.load_with(&self.lists.overrides())?;
+impl Execute for Study {
+    fn execute(&self, _: Program) -> Result<()> {
+        let scene = self.scene.load_with(&overrides("study", &self.lists))?;
         let study = scene.study();
         #[cfg(feature = "petsc")]
         if study.engines.contains(&EngineName::Petsc) {
@@ -161,7 +134,9 @@ impl Study {
         refuse_petsc_options(&self.scene.petsc)?;
         self.make(&scene, &study, &accuracy::run_native)
     }
+}
 
+impl Study {
     fn make(&self, scene: &Scene, study: &crate::scene::Study, run: &Runner) -> Result<()> {
         let folder = self.scene.folder(self.out.as_deref(), "studies");
         let quiet = self.scene.voice.is_silent();

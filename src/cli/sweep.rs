@@ -1,7 +1,7 @@
 //! Command `rebond sweep`.
 
-use super::arguments::{SceneArgs, refuse_petsc_options};
-use super::help;
+use super::arguments::{SceneArgs, overrides, refuse_petsc_options};
+use super::command::{Execute, Program};
 use super::printing::command_line;
 #[cfg(feature = "petsc")]
 use super::ranks;
@@ -15,18 +15,28 @@ use crate::output::progress::moving_line;
 use crate::scene::{EngineName, Scene, SweepSpec};
 #[cfg(not(feature = "petsc"))]
 use crate::simulation::Model;
-use crate::sweep::{self, CarriedState, Loader, SweepRecord, SweepReport, SweepRow, SweepStore};
+use crate::sweep::{self, Loader, SweepReport, SweepRow, SweepStore};
 #[cfg(feature = "petsc")]
 use crate::sweep::{RankedSweep, SweepPart};
 use clap::Args;
 use indicatif::ProgressBar;
+use serde::Serialize;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 
-/// Make many runs over one or two keys.
+const EXAMPLES: &str = "\
+Examples:
+  rebond sweep shaker.toml                                  # the scene's table [sweep]
+  rebond sweep shaker.toml --over frequency=15..30:61 --period 1/frequency --up-and-down
+  rebond sweep shaker.toml --over frequency=15..30:16 --over amplitude=1e-4,2e-4 --jobs 2
+  mpirun -n 2 rebond sweep shaker.toml --ranks-per-run 1    # on PETSc, two runs at a time
+
+Ctrl-C stops it; the same command goes on with the runs that are missing.";
+
+/// Make many runs over one or two keys: response curves, bifurcation diagrams, maps
 #[derive(Debug, Args)]
-#[command(after_help = help::SWEEP)]
-pub struct SweepArgs {
+#[command(after_help = EXAMPLES)]
+pub(super) struct SweepArgs {
     #[command(flatten)]
     scene: SceneArgs,
     /// Folder of sweep.csv, sweep.json and plots; default: sweeps/ and the scene file's name
@@ -42,66 +52,60 @@ pub struct SweepArgs {
     #[arg(long, value_name = "N", conflicts_with = "jobs")]
     ranks_per_run: Option<NonZeroUsize>,
     #[command(flatten)]
-    of: Settings,
+    settings: Settings,
 }
 
 /// Keys of `[sweep]`.
-#[derive(Debug, Args)]
+#[derive(Debug, Args, Serialize)]
 #[command(next_help_heading = "What to sweep, instead of the scene's [sweep]")]
 struct Settings {
     /// Key or parameter with its values: load.pressure=90..250:161, or a=1,2,5; twice for a map
     #[arg(long, value_name = "KEY=VALUES")]
+    #[serde(skip)]
     over: Vec<String>,
     /// Start each run where that of the value before ended
     #[arg(long, conflicts_with_all = ["down", "up_and_down"])]
+    #[serde(skip)]
     up: bool,
     /// Start each run where that of the value after ended
     #[arg(long, conflicts_with = "up_and_down")]
+    #[serde(skip)]
     down: bool,
     /// All values up, then all values down
     #[arg(long)]
+    #[serde(skip)]
     up_and_down: bool,
     /// Period of the drive in s: a number, or a formula of the parameters such as 1/frequency
     #[arg(long, value_name = "SECONDS")]
     period: Option<String>,
     /// Periods of each run
     #[arg(long, value_name = "N")]
-    periods: Option<u64>,
+    periods: Option<String>,
     /// Periods of each run before the measured ones
     #[arg(long, value_name = "N")]
-    settle: Option<u64>,
+    settle: Option<String>,
     /// Distance of equal points of a section, relative to the range of the motion
     #[arg(long, value_name = "NUMBER")]
-    tolerance: Option<f64>,
+    tolerance: Option<String>,
     /// Measure the largest Lyapunov exponent too, at twice the time
     #[arg(long)]
     lyapunov: bool,
 }
 
 impl Settings {
-    /// Returns the settings as overrides, so that they are checked like keys of the scene.
     fn overrides(&self) -> Vec<String> {
         let over: Vec<String> = self.over.iter().map(|over| format!("{over:?}")).collect();
+        let over = (!over.is_empty()).then(|| format!("sweep.over=[{}]", over.join(", ")));
         let direction = [(self.up, "up"), (self.down, "down"), (self.up_and_down, "up_and_down")];
-        let direction = direction.into_iter().find(|(is_on, _)| *is_on).map(|(_, word)| word);
-        [
-            (!over.is_empty()).then(|| format!("sweep.over=[{}]", over.join(", "))),
-            direction.map(|word| format!("sweep.direction={word:?}")),
-            self.period.as_ref().map(|period| format!("sweep.period={period}")),
-            self.periods.map(|periods| format!("sweep.periods={periods}")),
-            self.settle.map(|settle| format!("sweep.settle={settle}")),
-            self.tolerance.map(|tolerance| format!("sweep.tolerance={tolerance:?}")),
-            self.lyapunov.then(|| "sweep.lyapunov=true".to_owned()),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
+        let direction = direction.iter().filter(|(is_on, _)| *is_on);
+        let direction = direction.map(|(_, word)| format!("sweep.direction={word:?}"));
+        over.into_iter().chain(direction).chain(overrides("sweep", self)).collect()
     }
 }
 
-impl SweepArgs {
-    pub(super) fn execute(&self) -> Result<()> {
-        let settings = self.of.overrides();
+impl Execute for SweepArgs {
+    fn execute(&self, _: Program) -> Result<()> {
+        let settings = self.settings.overrides();
         let load =
             |more: &[String]| self.scene.load_with(&settings.iter().chain(more).cloned().collect::<Vec<_>>());
         let scene = load(&[])?;
@@ -123,7 +127,9 @@ impl SweepArgs {
             EngineName::Petsc => Model::new(&scene).map(drop), // says that this build has no such engine
         }
     }
+}
 
+impl SweepArgs {
     /// Makes the runs on the native engine.
     fn in_process(&self, scene: &Scene, sweep: &SweepSpec, load: &Loader) -> Result<()> {
         launch::one_process("the native engine runs")?;
@@ -133,15 +139,16 @@ impl SweepArgs {
         }
         let folder = self.folder();
         let _lock = RunLock::new(&folder, &Identity::of(scene)?)?;
-        let store = SweepStore::open(&folder, &scene.hash(), self.overwrite)?;
+        let mut store = SweepStore::open(&folder, &scene.hash(), self.overwrite)?;
         signal::listen()?;
         let cache = self.scene.open_cache();
-        let line = ProgressLine::new(count(sweep), store.count(), self.scene.voice.is_silent());
-        let mut files = SweepProgress { store, line };
-        let rows = sweep::conduct(sweep, load, &mut files, self.jobs.get(), &|| signal::signal_received());
-        files.line.0.finish_and_clear();
+        let line = ProgressLine::new(count(sweep), store.indices().len(), self.scene.voice.is_silent());
+        let shown = line.clone();
+        store.on_row(move |row| shown.tell(row));
+        let rows = sweep::conduct(sweep, load, &mut store, self.jobs.get(), &|| signal::signal_received());
+        line.0.finish_and_clear();
         drop(cache);
-        self.finish(scene, &folder, files.store, rows.map(drop))
+        self.finish(scene, &folder, store, rows.map(drop))
     }
 
     /// Makes the runs on PETSc, on groups of ranks. Collective.
@@ -227,6 +234,7 @@ fn count(sweep: &SweepSpec) -> usize {
 }
 
 /// Progress of a sweep on the terminal.
+#[derive(Clone)]
 struct ProgressLine(ProgressBar);
 
 impl ProgressLine {
@@ -248,27 +256,5 @@ impl ProgressLine {
         }
         self.0.set_message(values.join(", "));
         self.0.inc(1);
-    }
-}
-
-/// Store of the rows that shows the progress.
-struct SweepProgress {
-    store: SweepStore,
-    line: ProgressLine,
-}
-
-impl SweepRecord for SweepProgress {
-    fn known(&self, index: usize) -> Option<SweepRow> {
-        self.store.known(index)
-    }
-
-    fn state(&self, group: usize) -> Option<CarriedState> {
-        self.store.state(group)
-    }
-
-    fn done(&mut self, group: usize, row: &SweepRow, state: Option<&CarriedState>) -> Result<()> {
-        self.store.done(group, row, state)?;
-        self.line.tell(row);
-        Ok(())
     }
 }

@@ -7,7 +7,7 @@
 //! to a later end continues.
 
 use super::vtu::SnapshotFiles;
-use super::{contacts, events, history, reactions, remove, require_same, write_atomic};
+use super::{history, remove, require_same, write_atomic};
 use crate::archive::FileKind;
 use crate::error::{Error, Result};
 use crate::hash::{self, Extent};
@@ -16,11 +16,12 @@ use crate::motion;
 use crate::scene::{MeshFile, Scene};
 use crate::simulation::RunState;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-const KIND: FileKind = FileKind { name: "checkpoint", format: 11, verb: "goes on from" };
+const KIND: FileKind = FileKind { name: "checkpoint", format: 12, verb: "goes on from" };
 
 /// Name of the file with the last state of a finished run.
 pub const STATE: &str = "end.state";
@@ -86,12 +87,8 @@ impl Identity {
 pub struct Outputs {
     /// `history.csv`.
     pub history: Extent,
-    /// `contacts.csv`, if the file exists.
-    pub contacts: Option<Extent>,
-    /// `events.csv`, if the file exists.
-    pub events: Option<Extent>,
-    /// `reactions.csv`, if the file exists.
-    pub reactions: Option<Extent>,
+    /// Further tables, by the names of their files.
+    pub tables: BTreeMap<String, Extent>,
     /// Snapshots, by time.
     pub snapshots: Vec<SnapshotFiles>,
 }
@@ -102,16 +99,10 @@ impl Outputs {
     /// # Errors
     /// Returns [`Error::Io`] naming the file.
     pub(super) fn require_same(&self, folder: &Path) -> Result<()> {
-        let tables = [
-            (history::FILE, Some(self.history)),
-            (contacts::FILE, self.contacts),
-            (events::FILE, self.events),
-            (reactions::FILE, self.reactions),
-        ];
-        let tables = tables.into_iter().filter_map(|(name, written)| Some((name, written?)));
+        require_same(&folder.join(history::FILE), self.history)?;
         let snapshots = self.snapshots.iter().flat_map(|snapshot| &snapshot.files);
-        let snapshots = snapshots.map(|(name, written)| (name.as_str(), *written));
-        tables.chain(snapshots).try_for_each(|(name, written)| require_same(&folder.join(name), written))
+        let files = self.tables.iter().chain(snapshots.map(|(name, written)| (name, written)));
+        files.into_iter().try_for_each(|(name, written)| require_same(&folder.join(name), *written))
     }
 }
 

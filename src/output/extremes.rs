@@ -9,7 +9,7 @@
 //! | `von_mises` | largest von Mises stress over all steps, in Pa |
 //! | `time` | time of that stress, in s |
 
-use super::vtk_xml::{Array, ArrayKind, Grid, parallel};
+use super::vtk_xml::{Array, Grid, parallel};
 use super::{remove, vtu, write_atomic};
 use crate::error::{Error, Result};
 use crate::input;
@@ -22,8 +22,6 @@ pub const FILE: &str = "extremes.vtu";
 /// Name of the file that lists the pieces of several ranks.
 pub const PARALLEL: &str = "extremes.pvtu";
 
-const POINT_DATA: [ArrayKind; 2] = [("von_mises", "Float64", 1), ("time", "Float64", 1)];
-
 fn piece(rank: usize, ranks: usize) -> String {
     if ranks == 1 { FILE.to_owned() } else { format!("{}/extremes-{rank}.vtu", vtu::FOLDER) }
 }
@@ -35,11 +33,11 @@ fn piece(rank: usize, ranks: usize) -> String {
 /// Returns [`Error::Io`] where a file cannot be written.
 pub fn write(folder: &Path, envelope: &Envelope, end: f64, [rank, ranks]: [usize; 2]) -> Result<()> {
     let Envelope { points, cells, von_mises, time } = envelope;
-    let [stress, instant] = POINT_DATA.map(|(name, ..)| name);
     let point_data = vec![
-        Array::floats(stress, 1, von_mises.iter().copied()),
-        Array::floats(instant, 1, time.iter().copied()),
+        Array::floats("von_mises", 1, von_mises.iter().copied()),
+        Array::floats("time", 1, time.iter().copied()),
     ];
+    let arrays = [point_data.iter().map(Array::kind).collect(), Vec::new()];
     let grid = Grid { time: end, points, cells, point_data, cell_data: Vec::new() };
     if ranks > 1 {
         let pieces = folder.join(vtu::FOLDER);
@@ -50,7 +48,7 @@ pub fn write(folder: &Path, envelope: &Envelope, end: f64, [rank, ranks]: [usize
         return Ok(());
     }
     let pieces: Vec<String> = (0..ranks).map(|rank| piece(rank, ranks)).collect();
-    write_atomic(&folder.join(PARALLEL), parallel(&pieces, &POINT_DATA, &[]).as_bytes())
+    write_atomic(&folder.join(PARALLEL), parallel(&pieces, &arrays).as_bytes())
 }
 
 /// Removes the files of an earlier run.

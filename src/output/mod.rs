@@ -139,7 +139,7 @@ fn require_same(path: &Path, written: Extent) -> Result<()> {
         }
         _ => return Ok(()),
     };
-    Err(Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, wrong)))
+    Err(Error::invalid(path, wrong))
 }
 
 /// Removes the temporary files that killed processes left in a folder.

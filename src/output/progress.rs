@@ -56,15 +56,9 @@ impl Progress {
     pub fn new(steps: Range<u64>, span: Range<f64>, quiet: bool) -> Self {
         let line = moving_line("{wide_msg}", None, quiet);
         let now = Instant::now();
-        let mut progress = Progress {
-            line,
-            span,
-            started: now,
-            drawn: now,
-            drawn_step: steps.start,
-            next: steps.start,
-            steps,
-        };
+        let first = steps.start;
+        let mut progress =
+            Progress { line, span, started: now, drawn: now, drawn_step: first, next: first, steps };
         if quiet {
             progress.next = u64::MAX;
         } else if progress.line.is_hidden() {

@@ -17,7 +17,7 @@ pub(super) fn push(
     file: &mut Lines,
     step: u64,
     time: f64,
-    names: &[String],
+    names: &[&str],
     rows: &[NodeReaction],
 ) -> Result<()> {
     rows.iter().try_for_each(|&NodeReaction { support, at: [x, y], force, moments }| {

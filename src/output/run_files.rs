@@ -3,7 +3,7 @@
 use super::checkpoint::{self, Checkpoint, Identity, Outputs};
 use super::history::{self, History};
 use super::resolved::{obstacles, quantity};
-use super::vtu::{self, Contents, Series};
+use super::vtu::{self, Series};
 use super::{
     Lines, claim, contacts, events, extremes, plot, reactions, remove, report, summary, sweep, write_atomic,
 };
@@ -148,14 +148,20 @@ pub struct RunFiles<'r> {
     fields: Series,
 }
 
+/// Table that only some runs have: the name of its file, its header, and which runs have it.
+type OptionalTable = (&'static str, &'static str, fn(&Scene) -> bool);
+
+const OPTIONAL: [OptionalTable; 3] = [
+    (contacts::FILE, contacts::HEADER, Scene::has_contact),
+    (events::FILE, events::HEADER, |scene| scene.time.scheme.capabilities().is_event_driven),
+    (reactions::FILE, reactions::HEADER, |scene| scene.supports.iter().any(|support| support.name.is_some())),
+];
+
 /// Tables of a run, which only one rank writes.
 struct Tables {
     history: History,
-    contacts: Option<Lines>,
-    /// Events file, for event-driven schemes.
-    events: Option<Lines>,
-    /// Reactions file, for scenes with named supports.
-    reactions: Option<Lines>,
+    /// Further tables by the names of their files.
+    others: BTreeMap<&'static str, Lines>,
 }
 
 impl Tables {
@@ -169,49 +175,41 @@ impl Tables {
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
         let history = History::create(folder, &probes, &scene.force_columns())?;
         vtu::clear(folder)?;
-        let file = |name: &str, header: &str, is_written: bool| {
+        let mut others = BTreeMap::new();
+        for (name, header, is_written) in OPTIONAL {
             remove(&folder.join(name))?;
-            is_written.then(|| Lines::create(folder, name, header)).transpose()
-        };
-        let finds_events = scene.time.scheme.capabilities().is_event_driven;
-        let has_names = scene.supports.iter().any(|support| support.name.is_some());
-        Ok(Tables {
-            history,
-            contacts: file(contacts::FILE, contacts::HEADER, scene.has_contact())?,
-            events: file(events::FILE, events::HEADER, finds_events)?,
-            reactions: file(reactions::FILE, reactions::HEADER, has_names)?,
-        })
+            if is_written(scene) {
+                others.insert(name, Lines::create(folder, name, header)?);
+            }
+        }
+        Ok(Tables { history, others })
     }
 
     /// Truncates the files to their lengths at a checkpoint.
     fn resume(RecordedRun { scene, folder, .. }: &RecordedRun, from: &Checkpoint) -> Result<Tables> {
-        let Outputs { history, contacts, events, reactions, .. } = from.outputs;
+        let Outputs { history, tables, .. } = &from.outputs;
         let columns = [scene.output.probes.len(), scene.force_columns().len()];
-        let file = |name: &str, written: Option<Extent>| {
-            written.map(|written| Lines::resume(folder, name, written)).transpose()
-        };
+        let written = OPTIONAL.iter().filter_map(|(name, ..)| Some((*name, *tables.get(*name)?)));
+        let others = written.map(|(name, written)| Ok((name, Lines::resume(folder, name, written)?)));
         Ok(Tables {
-            history: History::resume(folder, columns, history)?,
-            contacts: file(contacts::FILE, contacts)?,
-            events: file(events::FILE, events)?,
-            reactions: file(reactions::FILE, reactions)?,
+            history: History::resume(folder, columns, *history)?,
+            others: others.collect::<Result<_>>()?,
         })
     }
 
     /// Returns what the files have on the disk.
     fn outputs(&mut self, fields: &Series) -> Result<Outputs> {
+        let tables = self.others.iter_mut().map(|(name, lines)| Ok(((*name).to_owned(), lines.position()?)));
         Ok(Outputs {
             history: self.history.position()?,
-            contacts: self.contacts.as_mut().map(Lines::position).transpose()?,
-            events: self.events.as_mut().map(Lines::position).transpose()?,
-            reactions: self.reactions.as_mut().map(Lines::position).transpose()?,
+            tables: tables.collect::<Result<_>>()?,
             snapshots: fields.snapshots().to_vec(),
         })
     }
 
-    fn finish(self) -> Result<()> {
+    fn finish(mut self) -> Result<()> {
         self.history.finish()?;
-        [self.contacts, self.events, self.reactions].iter_mut().flatten().try_for_each(Lines::flush)
+        self.others.values_mut().try_for_each(Lines::flush)
     }
 }
 
@@ -255,6 +253,11 @@ impl<'r> RunFiles<'r> {
         Ok(Some(Checkpoint { scene: scene.written(), scene_file, identity, petsc, pause, outputs }))
     }
 
+    /// Returns a table by the name of its file, where this rank writes it.
+    fn table(&mut self, name: &str) -> Option<&mut Lines> {
+        self.tables.as_mut()?.others.get_mut(name)
+    }
+
     /// Returns whether this rank writes the tables.
     pub fn has_tables(&self) -> bool {
         self.tables.is_some()
@@ -276,15 +279,14 @@ impl Observer for RunFiles<'_> {
     }
 
     fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
-        let file = self.tables.as_mut().and_then(|tables| tables.contacts.as_mut());
-        file.map_or(Ok(()), |file| contacts::push(file, ended))
+        self.table(contacts::FILE).map_or(Ok(()), |file| contacts::push(file, ended))
     }
 
     fn reactions(&mut self, step: u64, time: f64, rows: &[NodeReaction]) -> Result<()> {
-        let file = self.tables.as_mut().and_then(|tables| tables.reactions.as_mut());
-        let Some(file) = file else { return Ok(()) };
-        let names: Vec<String> =
-            self.run.scene.supports.iter().filter_map(|support| support.name.clone()).collect();
+        let run = self.run;
+        let Some(file) = self.table(reactions::FILE) else { return Ok(()) };
+        let names: Vec<&str> =
+            run.scene.supports.iter().filter_map(|support| support.name.as_deref()).collect();
         reactions::push(file, step, time, &names, rows)
     }
 
@@ -297,10 +299,7 @@ impl Observer for RunFiles<'_> {
     }
 
     fn fields_complete(&mut self, step: u64, time: f64, pieces: &[Extent]) -> Result<()> {
-        let scene = &self.run.scene;
-        let stresses = scene.output.fields.is_some_and(|fields| fields.stresses);
-        let contents = Contents { obstacles: scene.has_contact(), stresses };
-        if self.tables.is_some() { self.fields.index(step, time, pieces, contents) } else { Ok(()) }
+        if self.tables.is_some() { self.fields.index(step, time, pieces) } else { Ok(()) }
     }
 
     fn envelope(&mut self, envelope: &Envelope) -> Result<()> {
@@ -309,8 +308,7 @@ impl Observer for RunFiles<'_> {
     }
 
     fn event(&mut self, event: &NodeEvent) -> Result<()> {
-        let file = self.tables.as_mut().and_then(|tables| tables.events.as_mut());
-        file.map_or(Ok(()), |file| events::push(file, event))
+        self.table(events::FILE).map_or(Ok(()), |file| events::push(file, event))
     }
 
     fn pause(&mut self, pause: RunState) -> Result<()> {

@@ -1,7 +1,5 @@
 //! Unstructured grids in the XML format of VTK, with raw appended data.
 
-use std::fmt::Write as _;
-
 /// VTK's codes for triangles and quadrilaterals.
 const TRIANGLE: u8 = 5;
 const QUADRILATERAL: u8 = 9;
@@ -21,6 +19,11 @@ impl Array {
     pub fn floats(name: &'static str, components: usize, values: impl IntoIterator<Item = f64>) -> Array {
         let bytes = values.into_iter().flat_map(f64::to_le_bytes).collect();
         Array { name, kind: "Float64", components, bytes }
+    }
+
+    /// Returns what a list of pieces tells of the array.
+    pub fn kind(&self) -> ArrayKind {
+        (self.name, self.kind, self.components)
     }
 
     pub fn integers(name: &'static str, values: impl IntoIterator<Item = usize>) -> Array {
@@ -66,28 +69,22 @@ impl Grid<'_> {
         ];
         let (points, cells) = (points.len(), cells.len());
         let mut text = format!("{HEADER}<VTKFile type=\"UnstructuredGrid\" {DIALECT}>\n<UnstructuredGrid>\n");
-        line(
-            &mut text,
-            format_args!(
-                "<FieldData><DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">{time}</DataArray></FieldData>"
-            ),
+        text += &format!(
+            "<FieldData><DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">{time}</DataArray></FieldData>\n"
         );
-        line(&mut text, format_args!("<Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">"));
+        text += &format!("<Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">\n");
         let mut appended = Vec::new();
         for (section, arrays) in sections {
-            line(&mut text, format_args!("<{section}>"));
+            text += &format!("<{section}>\n");
             for Array { name, kind, components, bytes } in arrays {
                 let offset = appended.len();
-                line(
-                    &mut text,
-                    format_args!(
-                        "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"appended\" offset=\"{offset}\"/>"
-                    ),
+                text += &format!(
+                    "<DataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\" format=\"appended\" offset=\"{offset}\"/>\n"
                 );
                 appended.extend((bytes.len() as u64).to_le_bytes());
                 appended.extend(bytes);
             }
-            line(&mut text, format_args!("</{section}>"));
+            text += &format!("</{section}>\n");
         }
         text += "</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_";
         let mut file = text.into_bytes();
@@ -101,32 +98,23 @@ impl Grid<'_> {
 pub(super) type ArrayKind = (&'static str, &'static str, usize);
 
 /// Formats the file that lists the pieces of all ranks.
-pub(super) fn parallel(pieces: &[String], point_data: &[ArrayKind], cell_data: &[ArrayKind]) -> String {
+pub(super) fn parallel(pieces: &[String], [point_data, cell_data]: &[Vec<ArrayKind>; 2]) -> String {
     let mut text = format!(
         "{HEADER}<VTKFile type=\"PUnstructuredGrid\" {DIALECT}>\n<PUnstructuredGrid GhostLevel=\"0\">\n"
     );
     let sections =
-        [("PointData", point_data), ("CellData", cell_data), ("Points", &[("position", "Float64", 3)])];
+        [("PointData", &point_data[..]), ("CellData", cell_data), ("Points", &[("position", "Float64", 3)])];
     for (name, arrays) in sections {
-        line(&mut text, format_args!("<P{name}>"));
+        text += &format!("<P{name}>\n");
         for (name, kind, components) in arrays {
-            line(
-                &mut text,
-                format_args!(
-                    "<PDataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"/>"
-                ),
+            text += &format!(
+                "<PDataArray type=\"{kind}\" Name=\"{name}\" NumberOfComponents=\"{components}\"/>\n"
             );
         }
-        line(&mut text, format_args!("</P{name}>"));
+        text += &format!("</P{name}>\n");
     }
     for piece in pieces {
-        line(&mut text, format_args!("<Piece Source=\"{piece}\"/>"));
+        text += &format!("<Piece Source=\"{piece}\"/>\n");
     }
     text + "</PUnstructuredGrid>\n</VTKFile>\n"
-}
-
-/// Appends a line.
-pub(super) fn line(text: &mut String, what: std::fmt::Arguments) {
-    text.write_fmt(what).expect("a string takes everything");
-    text.push('\n');
 }

@@ -31,12 +31,12 @@
 //!
 //! `gap`, `floor`, `ceiling` and `reaction` exist where the scene has obstacles.
 
-use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, line, parallel};
+use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, parallel};
 use super::{remove, sweep, write_atomic};
 use crate::error::{Error, Result};
 use crate::hash::Extent;
 use crate::input;
-use crate::simulation::{Snapshot, SnapshotStresses};
+use crate::simulation::{Lattice, Snapshot};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -63,15 +63,17 @@ pub struct Series {
     folder: PathBuf,
     rank: usize,
     ranks: usize,
-    /// This rank's piece of the last snapshot.
+    /// This rank's piece of the last snapshot, and its arrays at points and of cells.
     last: Extent,
+    arrays: [Vec<ArrayKind>; 2],
     snapshots: Vec<SnapshotFiles>,
 }
 
 impl Series {
     /// Creates the series of a rank.
     pub fn new(folder: &Path, rank: usize, ranks: usize) -> Series {
-        Series { folder: folder.to_owned(), rank, ranks, last: Extent::default(), snapshots: Vec::new() }
+        let (folder, last, arrays) = (folder.to_owned(), Extent::default(), Default::default());
+        Series { folder, rank, ranks, last, arrays, snapshots: Vec::new() }
     }
 
     /// Returns the rank and the number of ranks.
@@ -117,7 +119,9 @@ impl Series {
     pub fn write(&mut self, snapshot: &Snapshot) -> Result<()> {
         let folder = self.folder.join(FOLDER);
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-        let bytes = grid(snapshot, self.rank);
+        let grid = grid(snapshot, self.rank);
+        self.arrays = [&grid.point_data, &grid.cell_data].map(|data| data.iter().map(Array::kind).collect());
+        let bytes = grid.file();
         self.last = Extent::default();
         self.last.add(&bytes);
         write_atomic(&folder.join(self.piece(snapshot.step, self.rank)), &bytes)
@@ -128,13 +132,13 @@ impl Series {
     ///
     /// # Errors
     /// Returns [`Error::Io`] where the index cannot be written.
-    pub fn index(&mut self, step: u64, time: f64, written: &[Extent], contents: Contents) -> Result<()> {
+    pub fn index(&mut self, step: u64, time: f64, written: &[Extent]) -> Result<()> {
         let pieces: Vec<String> = (0..self.ranks).map(|rank| self.piece(step, rank)).collect();
         let in_folder = |name: &String| format!("{FOLDER}/{name}");
         let mut files: Vec<_> = pieces.iter().map(in_folder).zip(written.iter().copied()).collect();
         if self.ranks > 1 {
             let name = in_folder(&format!("step-{step:09}.pvtu"));
-            let list = parallel(&pieces, &contents.point_data(), &contents.cell_data());
+            let list = parallel(&pieces, &self.arrays);
             write_atomic(&self.folder.join(&name), list.as_bytes())?;
             let mut extent = Extent::default();
             extent.add(list.as_bytes());
@@ -149,7 +153,7 @@ impl Series {
         let files =
             self.snapshots.iter().filter_map(|snapshot| Some((snapshot.time, snapshot.files.last()?)));
         for (time, (file, _)) in files {
-            line(&mut index, format_args!("<DataSet timestep=\"{time}\" part=\"0\" file=\"{file}\"/>"));
+            index += &format!("<DataSet timestep=\"{time}\" part=\"0\" file=\"{file}\"/>\n");
         }
         index += "</Collection>\n</VTKFile>\n";
         write_atomic(&self.folder.join(FILE), index.as_bytes())
@@ -180,93 +184,48 @@ fn pieces(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
     Ok(input::files_of(&folder, step))
 }
 
-/// Formats the file of a snapshot.
-fn grid(snapshot: &Snapshot, rank: usize) -> Vec<u8> {
-    let lattice = snapshot.lattice;
-    let w = &snapshot.deflection;
-    let mut point_data = vec![
-        Array::floats("deflection", 1, w.iter().copied()),
-        Array::floats("slope", 2, snapshot.slope.iter().flatten().copied()),
-        Array::floats("velocity", 1, snapshot.velocity.iter().copied()),
-        Array::floats("displacement", 3, w.iter().flat_map(|&w| [0.0, 0.0, w])),
-    ];
-    let if_any = |name, values: &Option<Vec<f64>>| {
-        values.as_ref().map(|values| Array::floats(name, 1, values.iter().copied()))
+/// Quantity of a snapshot: its name, its number of components, and its numbers; `None` where the
+/// run has none.
+type Quantity = (&'static str, usize, fn(&Snapshot) -> Option<Vec<f64>>);
+
+/// Quantities at the points.
+const POINT_DATA: [Quantity; 12] = [
+    ("deflection", 1, |snapshot| Some(snapshot.deflection.clone())),
+    ("slope", 2, |snapshot| Some(snapshot.slope.concat())),
+    ("velocity", 1, |snapshot| Some(snapshot.velocity.clone())),
+    ("displacement", 3, |snapshot| Some(snapshot.deflection.iter().flat_map(|&w| [0.0, 0.0, w]).collect())),
+    ("gap", 1, |snapshot| snapshot.gap.clone()),
+    ("floor", 1, |snapshot| Some(snapshot.obstacles.as_ref()?[0].clone())),
+    ("ceiling", 1, |snapshot| Some(snapshot.obstacles.as_ref()?[1].clone())),
+    ("reaction", 1, |snapshot| snapshot.reaction.clone()),
+    ("moment", 3, |snapshot| Some(snapshot.stresses.as_ref()?.moment.concat())),
+    ("principal_moment", 2, |snapshot| Some(snapshot.stresses.as_ref()?.principal.concat())),
+    ("stress_top", 3, |snapshot| Some(snapshot.stresses.as_ref()?.stress_top.concat())),
+    ("von_mises", 1, |snapshot| Some(snapshot.stresses.as_ref()?.von_mises.clone())),
+];
+
+/// Quantities of the small cells.
+const CELL_DATA: [Quantity; 3] = [
+    ("mean_velocity", 1, |snapshot| {
+        Some(snapshot.lattice.parents.iter().map(|&cell| snapshot.mean_velocity[cell]).collect())
+    }),
+    ("moment_raw", 3, |snapshot| Some(snapshot.stresses.as_ref()?.moment_raw.concat())),
+    ("von_mises_raw", 1, |snapshot| Some(snapshot.stresses.as_ref()?.von_mises_raw.clone())),
+];
+
+/// Returns the grid of a snapshot on a rank.
+fn grid<'s>(snapshot: &'s Snapshot, rank: usize) -> Grid<'s> {
+    let Lattice { points, cells, parents } = snapshot.lattice;
+    let arrays = |quantities: &[Quantity]| -> Vec<Array> {
+        let array = |&(name, components, values): &Quantity| {
+            values(snapshot).map(|values| Array::floats(name, components, values))
+        };
+        quantities.iter().filter_map(array).collect()
     };
-    point_data.extend(if_any("gap", &snapshot.gap));
-    for (side, name) in ["floor", "ceiling"].into_iter().enumerate() {
-        let heights = snapshot.obstacles.as_ref().map(|heights| heights[side].iter().copied());
-        point_data.extend(heights.map(|heights| Array::floats(name, 1, heights)));
-    }
-    point_data.extend(if_any("reaction", &snapshot.reaction));
-    let mean = lattice.parents.iter().map(|&cell| snapshot.mean_velocity[cell]);
-    let mut cell_data = vec![
-        Array::floats("mean_velocity", 1, mean),
-        Array::integers("cell", lattice.parents.iter().copied()),
-        Array::integers("rank", lattice.parents.iter().map(|_| rank)),
-    ];
-    if let Some(stresses) = &snapshot.stresses {
-        add_stresses(stresses, &mut point_data, &mut cell_data);
-    }
-    let (points, cells) = (&lattice.points, &lattice.cells);
-    Grid { time: snapshot.time, points, cells, point_data, cell_data }.file()
-}
-
-/// Adds the arrays of moments and stresses.
-fn add_stresses(stresses: &SnapshotStresses, point_data: &mut Vec<Array>, cell_data: &mut Vec<Array>) {
-    let SnapshotStresses { moment, principal, stress_top, von_mises, moment_raw, von_mises_raw } = stresses;
-    let [moments, principals, tops, mises] = STRESS_POINT_DATA.map(|(name, ..)| name);
-    point_data.extend([
-        Array::floats(moments, 3, moment.iter().flatten().copied()),
-        Array::floats(principals, 2, principal.iter().flatten().copied()),
-        Array::floats(tops, 3, stress_top.iter().flatten().copied()),
-        Array::floats(mises, 1, von_mises.iter().copied()),
-    ]);
-    let [moments, mises] = STRESS_CELL_DATA.map(|(name, ..)| name);
-    cell_data.extend([
-        Array::floats(moments, 3, moment_raw.iter().flatten().copied()),
-        Array::floats(mises, 1, von_mises_raw.iter().copied()),
-    ]);
-}
-
-const POINT_DATA: [ArrayKind; 4] = [
-    ("deflection", "Float64", 1),
-    ("slope", "Float64", 2),
-    ("velocity", "Float64", 1),
-    ("displacement", "Float64", 3),
-];
-const OBSTACLE_POINT_DATA: [ArrayKind; 4] =
-    [("gap", "Float64", 1), ("floor", "Float64", 1), ("ceiling", "Float64", 1), ("reaction", "Float64", 1)];
-const STRESS_POINT_DATA: [ArrayKind; 4] = [
-    ("moment", "Float64", 3),
-    ("principal_moment", "Float64", 2),
-    ("stress_top", "Float64", 3),
-    ("von_mises", "Float64", 1),
-];
-const CELL_DATA: [ArrayKind; 3] =
-    [("mean_velocity", "Float64", 1), ("cell", "Int64", 1), ("rank", "Int64", 1)];
-const STRESS_CELL_DATA: [ArrayKind; 2] = [("moment_raw", "Float64", 3), ("von_mises_raw", "Float64", 1)];
-
-/// Optional arrays of the snapshots of a run.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Contents {
-    /// Whether the scene has obstacles or balls.
-    pub obstacles: bool,
-    /// Whether the scene asks for moments and stresses.
-    pub stresses: bool,
-}
-
-impl Contents {
-    fn point_data(self) -> Vec<ArrayKind> {
-        let obstacles = if self.obstacles { &OBSTACLE_POINT_DATA[..] } else { &[] };
-        let stresses = if self.stresses { &STRESS_POINT_DATA[..] } else { &[] };
-        [&POINT_DATA[..], obstacles, stresses].concat()
-    }
-
-    fn cell_data(self) -> Vec<ArrayKind> {
-        let stresses = if self.stresses { &STRESS_CELL_DATA[..] } else { &[] };
-        [&CELL_DATA[..], stresses].concat()
-    }
+    let mut cell_data = arrays(&CELL_DATA);
+    cell_data.push(Array::integers("cell", parents.iter().copied()));
+    cell_data.push(Array::integers("rank", parents.iter().map(|_| rank)));
+    Grid { time: snapshot.time, points, cells, point_data: arrays(&POINT_DATA), cell_data }
 }
 
 /// Snapshot read back.
@@ -341,7 +300,7 @@ pub fn read_index(folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
     let entry =
         |tag: &str| Some((attribute(tag, "timestep")?.parse().ok()?, folder.join(attribute(tag, "file")?)));
     tags(&text, "DataSet")
-        .map(|tag| entry(tag).ok_or_else(|| malformed(&path, "a DataSet without time or file")))
+        .map(|tag| entry(tag).ok_or_else(|| Error::invalid(&path, "a DataSet without time or file")))
         .collect()
 }
 
@@ -369,7 +328,7 @@ pub fn read(path: &Path) -> Result<Surface> {
         }
         return Ok(sum);
     }
-    piece(&bytes).map_err(|what| malformed(path, what))
+    piece(&bytes).map_err(|what| Error::invalid(path, what))
 }
 
 fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
@@ -437,10 +396,6 @@ fn attribute<'t>(tag: &'t str, name: &str) -> Option<&'t str> {
     let start = format!(" {name}=\"");
     let offset = tag.find(&start)? + start.len();
     tag[offset..].split('"').next()
-}
-
-fn malformed(path: &Path, what: &str) -> Error {
-    Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, what.to_owned()))
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 use super::accuracy::plan::solver_name;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::geometry::range;
 use crate::linalg::Engine;
 use crate::output::text::{TableColumns, grouped, two_digits};
 use crate::scene::{ContactSolver, EngineName, Scene};
@@ -308,8 +309,8 @@ impl Reference {
         let scene = Contender::reference().scene(scene);
         let model = Model::new(&scene)?;
         let size = |axis: usize| {
-            let places = || model.sites.iter().map(|site| site.at[axis]);
-            places().fold(f64::NEG_INFINITY, f64::max) - places().fold(f64::INFINITY, f64::min)
+            let [low, high] = range(model.sites.iter().map(|site| site.at[axis]));
+            high - low
         };
         let spacing = 1e-8 * size(0).max(size(1)).max(f64::MIN_POSITIVE);
         let mut places = HashMap::new();

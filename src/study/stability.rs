@@ -198,8 +198,8 @@ struct PropertyCheck {
     start: Option<Energies>,
     /// Largest magnitude of a part of the energy, at the start and during the run.
     parts: [f64; 2],
-    least: f64,
-    most: f64,
+    /// Least and largest energy, in J.
+    range: [f64; 2],
     /// Energy to which the invariant is compared (its start, or its least value so far), and the
     /// largest departure from it, in J.
     lowest: f64,
@@ -210,17 +210,8 @@ struct PropertyCheck {
 
 impl PropertyCheck {
     fn new(promise: EnergyPromise) -> PropertyCheck {
-        let [least, most] = [f64::INFINITY, f64::NEG_INFINITY];
-        PropertyCheck {
-            promise,
-            start: None,
-            parts: [0.0; 2],
-            least,
-            most,
-            lowest: least,
-            broken: 0.0,
-            length: 0.0,
-        }
+        let (range, lowest) = ([f64::INFINITY, f64::NEG_INFINITY], f64::INFINITY);
+        PropertyCheck { promise, start: None, parts: [0.0; 2], range, lowest, broken: 0.0, length: 0.0 }
     }
 
     /// Returns the scale of relative energies: the largest part of the initial energy.
@@ -246,8 +237,8 @@ impl Observer for PropertyCheck {
             (self.start, self.parts[0], self.lowest) = (Some(now), part, row.energy);
         }
         self.parts[1] = self.parts[1].max(part);
-        self.least = self.least.min(row.energy);
-        self.most = self.most.max(row.energy);
+        let [least, most] = self.range;
+        self.range = [least.min(row.energy), most.max(row.energy)];
         Ok(())
     }
 
@@ -324,8 +315,8 @@ fn figures(witness: &PropertyCheck, outcome: &Outcome, seconds: f64) -> Figures 
         steps: outcome.steps,
         contact_steps: outcome.contact_steps,
         most_contact_nodes: outcome.most_contact_nodes,
-        energy_min: witness.relative(witness.least),
-        energy_max: witness.relative(witness.most),
+        energy_min: witness.relative(witness.range[0]),
+        energy_max: witness.relative(witness.range[1]),
         broken: (witness.promise != EnergyPromise::Nothing).then(|| over(witness.broken, witness.parts[1])),
         worst_kkt: outcome.worst_kkt,
         penetration: over(outcome.worst_penetration, witness.length),

@@ -69,6 +69,7 @@ pub fn repetition(sections: &[(&[f64], f64)], tolerance: f64) -> Option<usize> {
 }
 
 /// Sums over the steps at a probe, one per run.
+#[derive(Default)]
 struct ProbeSums {
     /// Values at the ends of the periods.
     section: Vec<Lanes>,
@@ -122,17 +123,8 @@ impl PeriodRecorder {
     /// Prepares the measures of runs with a number of probes.
     pub fn new(probes: usize, per_period: u64, settle: u64) -> PeriodRecorder {
         let equal = |value: f64| Lanes([value; Lanes::COUNT]);
-        let none = Lanes::default();
-        let sums = || ProbeSums {
-            section: Vec::new(),
-            max: equal(f64::NEG_INFINITY),
-            min: equal(f64::INFINITY),
-            origin: none,
-            sum: none,
-            squares: none,
-            sine: none,
-            cosine: none,
-        };
+        let (max, min) = (equal(f64::NEG_INFINITY), equal(f64::INFINITY));
+        let sums = || ProbeSums { max, min, ..ProbeSums::default() };
         let phase = |step: u64| (TAU * step as f64 / per_period as f64).sin_cos().into();
         PeriodRecorder {
             phases: (0..per_period).map(phase).collect(),

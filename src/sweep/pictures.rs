@@ -4,6 +4,7 @@ use super::measures::{Measures, ProbeMeasures};
 use super::plan::Direction;
 use super::report::{ProbeHead, SweepReport, SweepRow};
 use crate::error::Result;
+use crate::geometry::range;
 use crate::output::plot::{Axis, Bar, Color, Curve, FOLDER, Figure, Panel, Ramp};
 use crate::scene::unit;
 use std::collections::BTreeSet;
@@ -95,14 +96,10 @@ fn label(report: &SweepReport, probe: &ProbeHead) -> String {
 
 /// Returns one of all points that a picture shows at the same place.
 fn distinct(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
-    let grain: Vec<[f64; 2]> = (0..2)
-        .map(|axis| {
-            let values = points.iter().map(|point| point[axis]);
-            let low = values.clone().fold(f64::INFINITY, f64::min);
-            let high = values.fold(f64::NEG_INFINITY, f64::max);
-            [low, GRAIN[axis] / (high - low).max(f64::MIN_POSITIVE)]
-        })
-        .collect();
+    let grain = [0, 1].map(|axis| {
+        let [low, high] = range(points.iter().map(|point| point[axis]));
+        [low, GRAIN[axis] / (high - low).max(f64::MIN_POSITIVE)]
+    });
     let mut seen = BTreeSet::new();
     points.retain(|point| {
         let place = [0, 1].map(|axis| ((point[axis] - grain[axis][0]) * grain[axis][1]).round() as i64);
@@ -111,69 +108,54 @@ fn distinct(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     points
 }
 
-/// Plots half the range of each probe, the peak force and the exponent over the swept key.
-fn response(report: &SweepReport) -> Figure {
-    let curves = |value: &dyn Fn(&Measures) -> f64| {
-        let curve = |(direction, name, color): (Direction, &'static str, usize)| {
-            let points: Vec<[f64; 2]> =
-                runs_of(report, direction).map(|(row, measures)| [row.values[0], value(measures)]).collect();
-            // A single run is no line.
-            let curve = Curve::new(name, points).palette(color).dashes(color).width(0.8);
-            curve.marks(color).size(0.35)
-        };
-        directions(report).map(curve).collect::<Vec<Curve>>()
-    };
-    let mut panels: Vec<Panel> = Vec::new();
-    for (index, probe) in report.probes.iter().take(MOST_PROBES).enumerate() {
-        let axis =
-            Axis::linear(format!("{}: half the range", label(report, probe)), &*probe.unit).with([0.0]);
-        panels.push(
-            Panel::new(key_axis(report, 0), axis).curves(curves(&|run| half_range(&run.probes[index]))),
-        );
+/// Quantity of a run: its name, its unit, and its value; `None` where it has none.
+type Quantity<'q> = (String, &'q str, Box<dyn Fn(&Measures) -> Option<f64> + 'q>);
+
+/// Returns half the range of some probes with their names, and what the runs have of forces, impact
+/// velocities and exponents.
+fn quantities(report: &SweepReport, probes: usize, name: impl Fn(&ProbeHead) -> String) -> Vec<Quantity<'_>> {
+    let mut quantities: Vec<Quantity> = Vec::new();
+    for (index, probe) in report.probes.iter().take(probes).enumerate() {
+        let value = move |run: &Measures| run.probes.get(index).map(half_range);
+        quantities.push((name(probe), &probe.unit, Box::new(value)));
     }
     if report.has_contact {
-        let axis = Axis::linear("peak force", "N").with([0.0]);
-        panels.push(Panel::new(key_axis(report, 0), axis).curves(curves(&|run| run.peak_force)));
-        let axis = Axis::linear("impact velocity", "m/s").with([0.0]);
-        panels.push(Panel::new(key_axis(report, 0), axis).curves(curves(&|run| run.impact_velocity)));
+        quantities.push(("peak force".into(), "N", Box::new(|run| Some(run.peak_force))));
+        quantities.push(("impact velocity".into(), "m/s", Box::new(|run| Some(run.impact_velocity))));
     }
-    let has_exponent =
-        report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|run| run.lyapunov.is_some());
-    if has_exponent {
-        let axis = Axis::linear("Lyapunov exponent", "1/s").with([0.0]);
-        panels.push(
-            Panel::new(key_axis(report, 0), axis).curves(curves(&|run| run.lyapunov.unwrap_or(f64::NAN))),
-        );
+    if report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|run| run.lyapunov.is_some()) {
+        quantities.push(("Lyapunov exponent".into(), "1/s", Box::new(|run| run.lyapunov)));
     }
-    let last = panels.len().saturating_sub(1);
-    let panels = panels.into_iter().enumerate();
-    let panels = panels.map(|(index, panel)| if index < last { panel.without_x_labels() } else { panel });
-    panels.fold(Figure::new(&report.title), |figure, panel| figure.panel(panel.height(80.0)))
+    quantities
+}
+
+/// Plots half the range of each probe, the peak force and the exponent over the swept key.
+fn response(report: &SweepReport) -> Figure {
+    let quantities =
+        quantities(report, MOST_PROBES, |probe| format!("{}: half the range", label(report, probe)));
+    let last = quantities.len().saturating_sub(1);
+    let panel = |(index, (name, unit, value)): (usize, Quantity)| {
+        let curves = directions(report).map(|(direction, name, color)| {
+            let points = runs_of(report, direction)
+                .map(|(row, measures)| [row.values[0], value(measures).unwrap_or(f64::NAN)]);
+            // A single run is no line.
+            let curve = Curve::new(name, points.collect()).palette(color).dashes(color).width(0.8);
+            curve.marks(color).size(0.35)
+        });
+        let axis = Axis::linear(name, unit).with([0.0]);
+        let panel = Panel::new(key_axis(report, 0), axis).height(80.0).curves(curves);
+        if index < last { panel.without_x_labels() } else { panel }
+    };
+    quantities.into_iter().enumerate().map(panel).fold(Figure::new(&report.title), Figure::panel)
 }
 
 fn half_range(probe: &ProbeMeasures) -> f64 {
     0.5 * (probe.max - probe.min)
 }
 
-/// Quantity of a map: its name, its unit, and its value; `None` where it has none.
-type Quantity<'q> = (String, &'q str, Box<dyn Fn(&Measures) -> Option<f64> + 'q>);
-
 /// Plots measures over both keys, one panel per measure and direction.
 fn map(report: &SweepReport) -> Figure {
-    let mut quantities: Vec<Quantity> = Vec::new();
-    if let Some(probe) = report.probes.first() {
-        let name = format!("half the range of {}", probe.name);
-        quantities.push((name, &probe.unit, Box::new(|run| run.probes.first().map(half_range))));
-    }
-    if report.has_contact {
-        quantities.push(("impact velocity".into(), "m/s", Box::new(|run| Some(run.impact_velocity))));
-        quantities.push(("peak force".into(), "N", Box::new(|run| Some(run.peak_force))));
-    }
-    let has_exponent =
-        report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|run| run.lyapunov.is_some());
-    if has_exponent {
-        quantities.push(("Lyapunov exponent".into(), "1/s", Box::new(|run| run.lyapunov)));
-    }
+    let quantities = quantities(report, 1, |probe| format!("half the range of {}", probe.name));
     let mut figure = Figure::new(&report.title);
     for (name, unit, value) in &quantities {
         for (direction, sense, _) in directions(report) {
@@ -194,8 +176,7 @@ fn map_panel(
     let cells: Vec<([f64; 2], f64)> = runs_of(report, direction)
         .filter_map(|(row, measures)| Some(([row.values[0], row.values[1]], value(measures)?)))
         .collect();
-    let low = cells.iter().map(|cell| cell.1).fold(f64::INFINITY, f64::min);
-    let high = cells.iter().map(|cell| cell.1).fold(f64::NEG_INFINITY, f64::max);
+    let [low, high] = range(cells.iter().map(|cell| cell.1));
     let edges = [0, 1].map(|key| edges(report.rows.iter().map(|row| row.values[key]).collect()));
     let bars = cells.iter().filter_map(|(place, value)| {
         let [x, y] = [0, 1].map(|key| edges[key].iter().find(|edge| edge.0 == place[key]).map(|edge| edge.1));

@@ -1,16 +1,15 @@
 //! Rows of a sweep, and the files `sweep.json` and `sweep.csv` that have them.
 
-use super::measures::Measures;
+use super::measures::{Measures, ProbeMeasures};
 use super::plan::{Direction, PlannedRun};
 use crate::error::{Error, Result};
 use crate::input;
 use crate::output::summary::write_json;
+use crate::output::text::TableColumns;
 use crate::output::write_atomic;
 use crate::scene::Scene;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use std::fmt::Write as _;
-use std::io;
 use std::path::Path;
 
 /// Names of the files in the folder of a sweep.
@@ -37,11 +36,8 @@ impl SweepRow {
     /// Creates the row of a run.
     pub(super) fn new(run: &PlannedRun, outcome: std::result::Result<Measures, String>) -> SweepRow {
         let PlannedRun { index, values, direction } = run.clone();
-        let (measures, failure) = match outcome {
-            Ok(measures) => (Some(measures), None),
-            Err(why) => (None, Some(why)),
-        };
-        SweepRow { index, values, direction, measures, failure }
+        let failure = outcome.as_ref().err().cloned();
+        SweepRow { index, values, direction, measures: outcome.ok(), failure }
     }
 }
 
@@ -107,8 +103,7 @@ impl SweepReport {
     pub fn read(folder: &Path) -> Result<SweepReport> {
         let path = folder.join(JSON);
         let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
-        serde_json::from_slice(&bytes)
-            .map_err(|why| Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, why)))
+        serde_json::from_slice(&bytes).map_err(|why| Error::invalid(path, why.to_string()))
     }
 
     /// Writes `sweep.csv` and `sweep.json`, each whole or not at all.
@@ -127,42 +122,52 @@ impl SweepReport {
 
     /// Returns the table with one line per run, in which every number reads back as the same `f64`.
     pub fn csv(&self) -> String {
-        let of_probe = ["section", "max", "min", "rms", "amplitude", "phase"];
-        let mut heads: Vec<String> = self.keys.iter().map(|key| quoted(key)).collect();
-        heads.push("direction".into());
-        let names = |probe: &ProbeHead| of_probe.map(|measure| quoted(&format!("{}_{measure}", probe.name)));
-        heads.extend(self.probes.iter().flat_map(names));
-        let others = ["period", "lyapunov", "peak_force", "impulse", "impacts", "impact_velocity"];
-        heads.extend(others.into_iter().chain(["work", "loss", "failure"]).map(str::to_owned));
-        let mut text = heads.join(",") + "\n";
-        for row in &self.rows {
-            let mut cells: Vec<String> = row.values.iter().map(|value| format!("{value:?}")).collect();
-            cells.push(row.direction.word().into());
-            match &row.measures {
-                Some(measures) => cells.extend(cells_of(measures)),
-                None => cells.resize(heads.len() - 1, String::new()),
-            }
-            cells.push(row.failure.as_deref().map_or(String::new(), quoted));
-            let _ = writeln!(text, "{}", cells.join(","));
+        let columns = self.columns();
+        let heads = columns.heads().into_iter().map(quoted).collect::<Vec<_>>().join(",");
+        let line =
+            |row: &SweepRow| columns.row(row).iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",");
+        std::iter::once(heads).chain(self.rows.iter().map(line)).map(|line| line + "\n").collect()
+    }
+
+    fn columns(&self) -> TableColumns<'_, SweepRow> {
+        let mut columns = TableColumns::default();
+        for (key, name) in self.keys.iter().enumerate() {
+            columns.add(name, move |row: &SweepRow| format!("{:?}", row.values[key]));
         }
-        text
+        columns.add("direction", |row| row.direction.word().into());
+        for (index, ProbeHead { name, .. }) in self.probes.iter().enumerate() {
+            let mut add = |measure: &str, cell: fn(&ProbeMeasures) -> String| {
+                columns.measure(format!("{name}_{measure}"), move |run| Some(cell(&run.probes[index])));
+            };
+            add("section", |probe| probe.section.iter().map(number).collect::<Vec<_>>().join(";"));
+            add("max", |probe| number(&probe.max));
+            add("min", |probe| number(&probe.min));
+            add("rms", |probe| number(&probe.rms));
+            add("amplitude", |probe| number(&probe.amplitude));
+            add("phase", |probe| number(&probe.phase));
+        }
+        columns.measure("period", |run| run.period.map(|period| period.to_string()));
+        columns.measure("lyapunov", |run| run.lyapunov.as_ref().map(number));
+        columns.measure("peak_force", |run| Some(number(&run.peak_force)));
+        columns.measure("impulse", |run| Some(number(&run.impulse)));
+        columns.measure("impacts", |run| Some(number(&run.impacts)));
+        columns.measure("impact_velocity", |run| Some(number(&run.impact_velocity)));
+        columns.measure("work", |run| Some(number(&run.work)));
+        columns.measure("loss", |run| Some(number(&run.loss)));
+        columns.add("failure", |row| row.failure.clone().unwrap_or_default());
+        columns
     }
 }
 
-/// Returns the cells of a run's measures.
-fn cells_of(measures: &Measures) -> Vec<String> {
-    let number = |value: f64| format!("{value:?}");
-    let mut cells = Vec::new();
-    for probe in &measures.probes {
-        let section: Vec<String> = probe.section.iter().copied().map(number).collect();
-        cells.push(section.join(";"));
-        cells.extend([probe.max, probe.min, probe.rms, probe.amplitude, probe.phase].map(number));
+impl<'a> TableColumns<'a, SweepRow> {
+    /// Adds a column of what was measured, empty where there is nothing.
+    fn measure(&mut self, head: impl Into<String>, cell: impl Fn(&Measures) -> Option<String> + 'a) {
+        self.add(head, move |row| row.measures.as_ref().and_then(&cell).unwrap_or_default());
     }
-    cells.push(measures.period.map_or(String::new(), |period| period.to_string()));
-    cells.push(measures.lyapunov.map_or(String::new(), number));
-    let Measures { peak_force, impulse, impacts, impact_velocity, work, loss, .. } = *measures;
-    cells.extend([peak_force, impulse, impacts, impact_velocity, work, loss].map(number));
-    cells
+}
+
+fn number(value: &f64) -> String {
+    format!("{value:?}")
 }
 
 /// Quotes a cell of a table where it must be.

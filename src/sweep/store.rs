@@ -24,10 +24,12 @@ const ROWS: &str = "rows.jsonl";
 /// Finished runs of a sweep in its folder.
 pub struct SweepStore {
     folder: PathBuf,
-    file: File,
+    file: SweepPart,
     known: BTreeMap<usize, SweepRow>,
-    /// Last states, by group, each with the index of the run that ended with it.
-    states: BTreeMap<usize, (usize, CarriedState)>,
+    /// Last states, by group.
+    states: BTreeMap<usize, CarriedState>,
+    /// Receiver of each new row.
+    told: Box<dyn FnMut(&SweepRow)>,
 }
 
 impl SweepStore {
@@ -61,20 +63,19 @@ impl SweepStore {
             )));
         }
         remove(&folder.join(report::FILE))?;
-        let rows = stored.map(|(_, rows)| rows).unwrap_or_default();
-        let mut store = SweepStore {
-            known: rows.into_iter().map(|row| (row.index, row)).collect(),
-            states: BTreeMap::new(),
-            file: open(&path)?,
-            folder: folder.to_owned(),
-        };
+        let mut rows = stored.map(|(_, rows)| rows).unwrap_or_default();
         let parts = paths_between(folder, "rows-", ".jsonl");
         for (_, part) in parts.iter().filter(|_| !overwrite) {
             let text = read(part).map_err(Error::io(part))?;
-            let rows = rows_of(&text).filter(|(first, _)| *first == head);
-            store.known.extend(rows.into_iter().flat_map(|(_, rows)| rows).map(|row| (row.index, row)));
+            rows.extend(
+                rows_of(&text).filter(|(first, _)| *first == head).into_iter().flat_map(|(_, rows)| rows),
+            );
         }
-        store.start_file(&head)?;
+        let rows: BTreeMap<usize, SweepRow> = rows.into_iter().map(|row| (row.index, row)).collect();
+        let (folder, states, told) = (folder.to_owned(), BTreeMap::new(), Box::new(|_: &SweepRow| {}));
+        // The file is written anew, without lines that a kill cut off.
+        let file = SweepPart::start_with(path, &head, rows.values())?;
+        let mut store = SweepStore { folder, file, known: rows, states, told };
         parts.iter().try_for_each(|(_, part)| remove(part))?;
         if overwrite {
             store.clear_states()?;
@@ -83,24 +84,14 @@ impl SweepStore {
         Ok(store)
     }
 
-    /// Returns the number of runs that are known.
-    pub fn count(&self) -> usize {
-        self.known.len()
+    /// Passes each new row to a function too.
+    pub fn on_row(&mut self, told: impl FnMut(&SweepRow) + 'static) {
+        self.told = Box::new(told);
     }
 
     /// Returns the indices of the runs that are known.
     pub fn indices(&self) -> Vec<usize> {
         self.known.keys().copied().collect()
-    }
-
-    /// Writes the file anew from the known runs, without lines that a kill cut off.
-    fn start_file(&mut self, head: &str) -> Result<()> {
-        let path = self.folder.join(ROWS);
-        let rows = self.known.values().map(line);
-        let text: String = std::iter::once(head.to_owned() + "\n").chain(rows).collect();
-        write_atomic(&path, text.as_bytes())?;
-        self.file = open(&path)?;
-        Ok(())
     }
 
     /// Returns the paths of the states by group.
@@ -114,18 +105,13 @@ impl SweepStore {
             let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
             let saved: (SweepRowBytes, CarriedState) = archive::from_bytes(&bytes)?;
             if let Ok(row) = serde_json::from_slice::<SweepRow>(&saved.0) {
-                self.states.insert(group, (row.index, saved.1));
+                self.states.insert(group, saved.1);
                 if self.known.insert(row.index, row.clone()).is_none() {
-                    self.append(&row)?;
+                    self.file.add(&row)?;
                 }
             }
         }
         Ok(())
-    }
-
-    fn append(&mut self, row: &SweepRow) -> Result<()> {
-        let written = self.file.write_all(line(row).as_bytes());
-        written.map_err(Error::io(self.folder.join(ROWS)))
     }
 
     /// Removes the states, which a complete sweep does not need.
@@ -143,23 +129,32 @@ impl SweepStore {
     }
 }
 
-/// Rows of one group of ranks, in a file of their own.
-#[cfg(feature = "petsc")]
+/// File of the rows of a sweep, or of those of one group of ranks.
 pub struct SweepPart {
     path: PathBuf,
     file: File,
 }
 
-#[cfg(feature = "petsc")]
 impl SweepPart {
     /// Starts the file of a group of ranks, for the scene with this hash.
     ///
     /// # Errors
     /// Returns [`Error::Io`] where it cannot be written.
+    #[cfg(feature = "petsc")]
     pub fn start(folder: &Path, hash: &str, group: usize) -> Result<SweepPart> {
-        let path = folder.join(format!("rows-{group}.jsonl"));
-        write_atomic(&path, (head(hash) + "\n").as_bytes())?;
-        let file = open(&path)?;
+        SweepPart::start_with(folder.join(format!("rows-{group}.jsonl")), &head(hash), [])
+    }
+
+    /// Starts a file with its first line and some rows.
+    fn start_with<'r>(
+        path: PathBuf,
+        head: &str,
+        rows: impl IntoIterator<Item = &'r SweepRow>,
+    ) -> Result<SweepPart> {
+        let text: String =
+            std::iter::once(head.to_owned() + "\n").chain(rows.into_iter().map(line)).collect();
+        write_atomic(&path, text.as_bytes())?;
+        let file = input::open_plain(File::options().append(true), &path).map_err(Error::io(&path))?;
         Ok(SweepPart { path, file })
     }
 
@@ -170,11 +165,6 @@ impl SweepPart {
     pub fn add(&mut self, row: &SweepRow) -> Result<()> {
         self.file.write_all(line(row).as_bytes()).map_err(Error::io(&self.path))
     }
-}
-
-/// Opens a file of rows, which is created if necessary, to append to it.
-fn open(path: &Path) -> Result<File> {
-    input::open_plain(File::options().create(true).append(true), path).map_err(Error::io(path))
 }
 
 /// Returns the first line of a file of rows, for the scene with this hash.
@@ -208,7 +198,7 @@ impl SweepRecord for SweepStore {
     }
 
     fn state(&self, group: usize) -> Option<CarriedState> {
-        self.states.get(&group).map(|(_, state)| state.clone())
+        self.states.get(&group).cloned()
     }
 
     fn done(&mut self, group: usize, row: &SweepRow, state: Option<&CarriedState>) -> Result<()> {
@@ -217,6 +207,8 @@ impl SweepRecord for SweepStore {
             write_atomic(&self.folder.join(format!("state-{group}.bin")), &bytes)?;
         }
         self.known.insert(row.index, row.clone());
-        self.append(row)
+        self.file.add(row)?;
+        (self.told)(row);
+        Ok(())
     }
 }

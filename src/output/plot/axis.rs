@@ -1,20 +1,23 @@
 //! Axes with their ranges, ticks and units.
 
+use crate::geometry::range;
+
 /// Largest magnitude that counts as finite; its inverse is the smallest range that counts.
 const GREATEST: f64 = 1e100;
 const LEAST: f64 = 1e-100;
 
 /// Scale of an axis.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) enum Scale {
     /// Linear scale.
+    #[default]
     Linear,
     /// Logarithmic scale, on which values that are not positive are not shown.
     Log,
 }
 
 /// Axis of a panel, with a quantity, a unit and a scale; by default it fits its curves.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Axis {
     quantity: String,
     symbol: String,
@@ -38,18 +41,8 @@ pub struct Axis {
 impl Axis {
     /// Creates a linear axis; `symbol` is the unit, which takes an SI prefix, or empty.
     pub fn linear(quantity: impl Into<String>, symbol: impl Into<String>) -> Axis {
-        Axis {
-            quantity: quantity.into(),
-            symbol: symbol.into(),
-            scale: Scale::Linear,
-            ends: None,
-            shown: Vec::new(),
-            per: 1.0,
-            pad: 0.06,
-            is_whole: false,
-            names: Vec::new(),
-            magnitude: None,
-        }
+        let (quantity, symbol) = (quantity.into(), symbol.into());
+        Axis { quantity, symbol, per: 1.0, pad: 0.06, ..Axis::default() }
     }
 
     /// Creates a logarithmic axis; `symbol` is the unit, or empty.
@@ -97,17 +90,12 @@ impl Axis {
     /// Fits the axis to values, with about `wanted` ticks.
     pub(super) fn fit(&self, values: impl Iterator<Item = f64>, wanted: usize) -> Fitted {
         let drawn = |value: &f64| value.abs() < GREATEST && (self.scale == Scale::Linear || *value > LEAST);
-        let range = |values: &mut dyn Iterator<Item = f64>| {
-            values.filter(drawn).fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
-                [low.min(value), high.max(value)]
-            })
-        };
         let range = match self.ends {
             Some(mut ends) => {
                 ends.sort_by(f64::total_cmp);
-                range(&mut ends.into_iter())
+                range(ends.into_iter().filter(drawn))
             }
-            None => range(&mut values.chain(self.shown.iter().copied())),
+            None => range(values.chain(self.shown.iter().copied()).filter(drawn)),
         };
         let pad = if self.ends.is_some() { 0.0 } else { self.pad };
         let per = if drawn(&self.per) && self.per.abs() > LEAST { self.per } else { 1.0 };
@@ -261,9 +249,7 @@ impl Fitted {
 
 /// Returns whether a height can be shown without compressing the values too much.
 pub(super) fn is_near(height: f64, values: impl Iterator<Item = f64>) -> bool {
-    let drawn = values.filter(|value| value.abs() < GREATEST);
-    let [low, high] = drawn
-        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)]);
+    let [low, high] = range(values.filter(|value| value.abs() < GREATEST));
     let span = high - low;
     height.abs() < GREATEST && (span <= 0.0 || low - 2.0 * span <= height && height <= high + 2.0 * span)
 }

@@ -1,5 +1,6 @@
 //! Coarser faces for fine surfaces, of which a picture shows no more.
 
+use crate::geometry::range;
 use crate::output::vtu::Surface;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
@@ -46,11 +47,7 @@ pub fn coarsened(surface: Surface) -> Surface {
     if cells <= MOST_FACES {
         return merged(surface);
     }
-    let ends = |axis: usize| {
-        let values = surface.points.iter().map(|point| point[axis]);
-        values
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
-    };
+    let ends = |axis: usize| range(surface.points.iter().map(|point| point[axis]));
     let [[left, right], [front, back]] = [ends(0), ends(1)];
     let spacing = ((right - left) * (back - front) / MOST_FACES as f64).sqrt();
     let parts = |length: f64| (length / spacing).round().max(1.0) as usize;

@@ -25,6 +25,7 @@ const NOTE: Type = Type { color: Color::GREY, ..Type::new(4.5) };
 const SAMPLE: f64 = 20.0;
 
 /// Figure for a journal's column (85 mm wide) or page (180 mm wide).
+#[derive(Default)]
 pub struct Figure {
     title: String,
     note: String,
@@ -37,14 +38,7 @@ pub struct Figure {
 impl Figure {
     /// Creates a figure of one column; the title may be empty.
     pub fn new(title: impl Into<String>) -> Figure {
-        Figure {
-            title: title.into(),
-            note: String::new(),
-            width: COLUMN,
-            columns: 1,
-            ramp: None,
-            panels: Vec::new(),
-        }
+        Figure { title: title.into(), width: COLUMN, columns: 1, ..Figure::default() }
     }
 
     /// Makes the figure as wide as a page.

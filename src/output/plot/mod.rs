@@ -40,18 +40,18 @@ pub use paper::{Color, Pen};
 /// Name of the folder of plots in the run folder.
 pub const FOLDER: &str = "plots";
 
-/// Names of a run's plots, without their extensions.
-pub const PICTURES: [&str; 10] = [
-    "history",
-    "energy",
-    "contacts",
-    "phase",
-    "spectrum",
-    "forces",
-    "snapshots",
-    "stresses",
-    "extremes",
-    animation::NAME,
+/// Names of a run's plots, without their extensions, and what they show, in order of importance.
+pub const PICTURES: [(&str, &str); 10] = [
+    ("history", "Probes, forces and energies over time"),
+    ("snapshots", "Snapshots of the plate, coloured by deflection"),
+    ("contacts", "Contacts of nodes over time, and where they are on the plate"),
+    ("energy", "Energies, change of their sum, and force of the obstacles over time"),
+    ("extremes", "Largest von Mises stress of the run over the plate"),
+    ("forces", "Force of named obstacles over the gap"),
+    ("spectrum", "Spectra of the probes"),
+    ("stresses", "Snapshots of the plate, coloured by von Mises stress"),
+    ("phase", "Phase portraits of the probes"),
+    (animation::NAME, "Moving picture of the plate"),
 ];
 
 /// Removes the plots of a run from its folder.
@@ -59,6 +59,6 @@ pub const PICTURES: [&str; 10] = [
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) where a file cannot be removed.
 pub fn clear(folder: &Path) -> Result<()> {
-    let pictures = PICTURES.iter().flat_map(|name| [format!("{name}.svg"), format!("{name}.png")]);
+    let pictures = PICTURES.iter().flat_map(|(name, _)| [format!("{name}.svg"), format!("{name}.png")]);
     pictures.into_iter().try_for_each(|name| remove(&folder.join(FOLDER).join(name)))
 }

@@ -193,6 +193,7 @@ impl Frame {
 type Drawing = Box<dyn Fn(&mut Canvas, Frame)>;
 
 /// Panel of a figure.
+#[derive(Default)]
 pub struct Panel {
     pub(super) axes: Option<[Axis; 2]>,
     pub(super) heading: String,
@@ -213,27 +214,12 @@ pub struct Panel {
 impl Panel {
     /// Creates an empty panel with its axes.
     pub fn new(x: Axis, y: Axis) -> Panel {
-        Panel {
-            axes: Some([x, y]),
-            heading: String::new(),
-            height: 90.0,
-            has_x_labels: true,
-            curves: Vec::new(),
-            obstacles: Vec::new(),
-            band: None,
-            bars: Vec::new(),
-            ramp: None,
-            rules: Vec::new(),
-            slopes: Vec::new(),
-            labels: Vec::new(),
-            drawing: None,
-        }
+        Panel { axes: Some([x, y]), height: 90.0, has_x_labels: true, ..Panel::default() }
     }
 
     /// Creates a panel without axes.
     pub(super) fn drawing(draw: impl Fn(&mut Canvas, Frame) + 'static) -> Panel {
-        let nothing = || Axis::linear("", "");
-        Panel { axes: None, drawing: Some(Box::new(draw)), ..Panel::new(nothing(), nothing()) }
+        Panel { height: 90.0, drawing: Some(Box::new(draw)), ..Panel::default() }
     }
 
     /// Sets a line above the panel, such as "(a) triangles".
@@ -269,10 +255,11 @@ impl Panel {
         self
     }
 
-    /// Adds the hatched band below a value of the y axis, with its name in the key.
-    pub fn band_below(mut self, y: f64, name: impl Into<String>) -> Panel {
-        self.obstacles.push(Obstacle::Below(y));
-        Panel { band: Some(name.into()), ..self }
+    /// Adds the hatched band below a value of the y axis, if there is one, with its name in the
+    /// key.
+    pub fn band_below(mut self, y: Option<f64>, name: &str) -> Panel {
+        self.obstacles.extend(y.map(Obstacle::Below));
+        Panel { band: y.map(|_| name.to_owned()), ..self }
     }
 
     /// Adds bars.

@@ -208,11 +208,7 @@ impl Canvas {
         anchor: Anchor,
     ) {
         let (size, text) = (number(size), escaped(text));
-        let anchor = match anchor {
-            Anchor::Start => "start",
-            Anchor::Middle => "middle",
-            Anchor::End => "end",
-        };
+        let anchor = format!("{anchor:?}").to_lowercase();
         let weight = if bold { " font-weight=\"bold\"" } else { "" };
         let halo = if halo { " stroke=\"#FFFFFF\" stroke-width=\"1.6\" paint-order=\"stroke\"" } else { "" };
         self.put(format_args!(

@@ -5,6 +5,7 @@ use super::coarse::coarsened;
 use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp};
+use crate::geometry::range;
 use crate::output::text::significant;
 use crate::output::vtu::{Surface, held_points};
 
@@ -48,10 +49,13 @@ pub fn spread<T>(items: &[T], most: usize) -> Vec<&T> {
 
 /// Quantity that colours a surface.
 #[derive(Clone, Copy, PartialEq)]
-enum ColorBy {
+pub enum ColorBy {
+    /// Deflection.
     Deflection,
+    /// Von Mises stress.
     VonMises,
-    /// Largest von Mises stress of a run, which belongs to no instant.
+    /// Largest von Mises stress of a run, which belongs to no instant: the plate is flat, the faces
+    /// have the colours of their means, and the place of the largest value is marked.
     Envelope,
 }
 
@@ -73,29 +77,15 @@ impl ColorBy {
     }
 }
 
-/// Draws snapshots (time in s, surface) side by side at one scale, coloured by deflection.
-pub fn snapshots(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
-    colored(snapshots, title, ColorBy::Deflection)
-}
-
-/// Draws snapshots like [`snapshots`], coloured by von Mises stress.
-pub fn stresses(snapshots: Vec<(f64, Surface)>, title: &str) -> Figure {
-    colored(snapshots, title, ColorBy::VonMises)
-}
-
-/// Draws the envelope of the von Mises stress of a run on the flat plate, and marks the place of
-/// the largest value: the faces have the colours of their means.
-pub fn envelope(surface: Surface, title: &str) -> Figure {
-    colored(vec![(0.0, surface)], title, ColorBy::Envelope)
-}
-
-/// Draws each snapshot like [`snapshots`] in a figure of its own, all at one scale.
+/// Draws each snapshot (time in s, surface) in a figure of its own, coloured by deflection, all at
+/// one scale.
 pub fn frames(snapshots: Vec<(f64, Surface)>, title: &str) -> Vec<Figure> {
     let (ramp, panels) = views(snapshots, ColorBy::Deflection, HALF);
     panels.into_iter().map(|panel| Figure::new(title).ramp(ramp.clone()).panel(panel)).collect()
 }
 
-fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
+/// Draws snapshots (time in s, surface) side by side at one scale.
+pub fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
     let columns = snapshots.len().clamp(1, 2);
     let (ramp, panels) = views(snapshots, by, 2.0 * HALF / columns as f64);
     panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
@@ -110,11 +100,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     });
     let mut snapshots: Vec<(f64, Surface)> =
         snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
-    let range = |values: &mut dyn Iterator<Item = f64>| {
-        values
-            .filter(|value| value.is_finite())
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
-    };
+    let range = |values: &mut dyn Iterator<Item = f64>| range(values.filter(|value| value.is_finite()));
     let deflections = |(_, surface): &(f64, Surface)| surface.deflection.clone();
     let [low, high] = range(&mut snapshots.iter().flat_map(deflections));
     // A distant obstacle is left out, because it would make the plate too small.
@@ -132,14 +118,11 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     let wall = |(_, surface): &(f64, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
     let walls: Vec<[Wall; 2]> = snapshots.iter().map(wall).collect();
     // All snapshots share one window.
-    let mut window = Window::default();
-    for (_, Surface { points, deflection, .. }) in &snapshots {
-        points.iter().zip(deflection).for_each(|(&[x, y], &w)| window.show(view.see([x, y, w])));
-    }
-    for Wall { faces, stops, .. } in walls.iter().flatten() {
-        faces.iter().flatten().chain(stops).for_each(|&corner| window.show(view.see(corner)));
-    }
-
+    let surfaces =
+        snapshots.iter().flat_map(|(_, surface)| (0..surface.points.len()).map(|p| surface.place(p)));
+    let walls_seen = walls.iter().flatten().flat_map(|wall| wall.faces.iter().flatten().chain(&wall.stops));
+    let seen: Vec<[f64; 2]> = surfaces.chain(walls_seen.copied()).map(|point| view.see(point)).collect();
+    let window = Window([0, 1].map(|axis| self::range(seen.iter().map(|point| point[axis]))));
     // A value much smaller than the others is a rounding error.
     let [low, high] = range(&mut snapshots.iter().flat_map(|(_, surface)| by.values(surface).to_vec()));
     let end = |w: f64| if w.abs() < 1e-4 * (high - low) { 0.0 } else { w };
@@ -154,7 +137,8 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     let mut panels = Vec::new();
     for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
         let (held, clock) = (held.clone(), clock.clone());
-        let height = (width * window.height() / window.width()).clamp(20.0, TALLEST * width) + BAND;
+        let [across, up] = window.size();
+        let height = (width * up / across).clamp(20.0, TALLEST * width) + BAND;
         let draw = move |paper: &mut Canvas, frame: Frame| {
             let below = Frame { top: frame.top + BAND, ..frame };
             let drawn = |point: Space| window.at(below, view.see(point));
@@ -324,39 +308,19 @@ impl View {
     }
 }
 
-/// Visible part of the picture plane.
+/// Visible part of the picture plane: its ends to the right and upwards.
 #[derive(Clone, Copy)]
-struct Window {
-    low: [f64; 2],
-    high: [f64; 2],
-}
-
-impl Default for Window {
-    fn default() -> Self {
-        Window { low: [f64::INFINITY; 2], high: [f64::NEG_INFINITY; 2] }
-    }
-}
+struct Window([[f64; 2]; 2]);
 
 impl Window {
-    fn show(&mut self, point: [f64; 2]) {
-        for axis in 0..2 {
-            self.low[axis] = self.low[axis].min(point[axis]);
-            self.high[axis] = self.high[axis].max(point[axis]);
-        }
-    }
-
-    fn width(&self) -> f64 {
-        self.high[0] - self.low[0]
-    }
-
-    fn height(&self) -> f64 {
-        self.high[1] - self.low[1]
+    fn size(&self) -> [f64; 2] {
+        self.0.map(|[low, high]| high - low)
     }
 
     fn at(&self, frame: Frame, [right, up]: [f64; 2]) -> [f64; 2] {
-        let scale =
-            ((frame.right - frame.left) / self.width()).min((frame.bottom - frame.top) / self.height());
-        let middle = [0.5 * (self.low[0] + self.high[0]), 0.5 * (self.low[1] + self.high[1])];
+        let [width, height] = self.size();
+        let scale = ((frame.right - frame.left) / width).min((frame.bottom - frame.top) / height);
+        let middle = self.0.map(|[low, high]| 0.5 * (low + high));
         [
             0.5 * (frame.left + frame.right) + scale * (right - middle[0]),
             0.5 * (frame.top + frame.bottom) - scale * (up - middle[1]),

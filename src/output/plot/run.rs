@@ -3,6 +3,7 @@
 use super::axis::unit;
 use super::paper::blend;
 use super::{Axis, Bar, Color, Curve, Figure, Obstacle, Panel, Ramp, short};
+use crate::geometry::range;
 use crate::output::contacts::Contact;
 use crate::output::history::Table;
 use crate::scene::ProbeQuantity;
@@ -111,13 +112,8 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
         .bars(bars.iter().map(bar))
         .ramp(Ramp::new("impulse", "N s", [1e-3 * largest, largest], heat));
     let most = total.iter().copied().fold(0.0, f64::max);
-    let range = |axis: usize| {
-        let places = outline.iter().flatten().chain(nodes.iter().map(|contact| &contact.at));
-        places
-            .map(|place| place[axis])
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
-    };
-    let [[left, right], [front, back]] = [range(0), range(1)];
+    let places = || outline.iter().flatten().chain(nodes.iter().map(|contact| &contact.at));
+    let [[left, right], [front, back]] = [0, 1].map(|axis| range(places().map(|place| place[axis])));
     let size = (right - left).max(back - front);
     let [length, width] =
         [right - left, back - front].map(|side| side.max(0.1 * size).max(f64::MIN_POSITIVE));

@@ -82,10 +82,7 @@ impl Panel {
                     [Some(x), _] => {
                         let Some(x) = at_x(*x).filter(within(left, right)) else { continue };
                         paper.line([x, top], [x, bottom], RULE);
-                        let is_late = x + REMARK.width(remark) + 3.0 > right;
-                        let (x, anchor) =
-                            if is_late { (x - 2.0, Anchor::End) } else { (x + 2.0, Anchor::Start) };
-                        paper.text(remark, [x, top + 0.7 * REMARK.line()], REMARK, anchor);
+                        draw_beside(paper, remark, [x, top + 0.7 * REMARK.line()], 2.0, right);
                     }
                     [_, Some(y)] => {
                         let Some(y) = at_y(*y).filter(within(top, bottom)) else { continue };
@@ -127,9 +124,7 @@ impl Panel {
         }
         for (place, text) in &self.labels {
             let Some([x, y]) = drawn(*place).filter(|point| within(left, right)(&point[0])) else { continue };
-            let is_late = x + REMARK.width(text) + 4.0 > right;
-            let (x, anchor) = if is_late { (x - 3.0, Anchor::End) } else { (x + 3.0, Anchor::Start) };
-            paper.text(text, [x, y - 0.5 * REMARK.line()], REMARK, anchor);
+            draw_beside(paper, text, [x, y - 0.5 * REMARK.line()], 3.0, right);
         }
         if self.bars.is_empty() && strokes.iter().all(|stroke| stroke.lines.is_empty()) {
             paper.text("no data", [0.5 * (left + right), 0.5 * (top + bottom)], LABEL, Anchor::Middle);
@@ -143,19 +138,17 @@ impl Panel {
         let Frame { left, top, right, bottom } = frame;
         let (at_x, at_y) = (|x: f64| frame.x(x_axis, x), |y: f64| frame.y(y_axis, y));
         let mut tick = |a: At, b: At| paper.line(a, b, FRAME);
-        let x_ticks = x_axis.ticks.iter().map(|(value, _)| (*value, TICK));
-        for (x, long) in x_ticks.chain(x_axis.minor.iter().map(|&value| (value, 0.55 * TICK))) {
-            if let Some(x) = at_x(x) {
-                tick([x, bottom], [x, bottom - long]);
-                tick([x, top], [x, top + long]);
-            }
+        let marks = |axis: &Fitted| {
+            let long = axis.ticks.iter().map(|(value, _)| (*value, TICK));
+            long.chain(axis.minor.iter().map(|&value| (value, 0.55 * TICK))).collect::<Vec<_>>()
+        };
+        for (x, long) in marks(x_axis).into_iter().filter_map(|(x, long)| Some((at_x(x)?, long))) {
+            tick([x, bottom], [x, bottom - long]);
+            tick([x, top], [x, top + long]);
         }
-        let y_ticks = y_axis.ticks.iter().map(|(value, _)| (*value, TICK));
-        for (y, long) in y_ticks.chain(y_axis.minor.iter().map(|&value| (value, 0.55 * TICK))) {
-            if let Some(y) = at_y(y) {
-                tick([left, y], [left + long, y]);
-                tick([right, y], [right - long, y]);
-            }
+        for (y, long) in marks(y_axis).into_iter().filter_map(|(y, long)| Some((at_y(y)?, long))) {
+            tick([left, y], [left + long, y]);
+            tick([right, y], [right - long, y]);
         }
         paper.polyline(&[[left, top], [right, top], [right, bottom], [left, bottom], [left, top]], FRAME);
         for (value, text) in &y_axis.ticks {
@@ -199,6 +192,14 @@ pub(super) fn draw_solid(paper: &mut Canvas, [left, y]: At, [right, end]: At, de
     }
 }
 
+/// Draws a remark at a distance to the right of a place, or to its left where it would go beyond
+/// `right`.
+fn draw_beside(paper: &mut Canvas, remark: &str, [x, y]: At, apart: f64, right: f64) {
+    let is_late = x + REMARK.width(remark) + apart + 1.0 > right;
+    let (x, anchor) = if is_late { (x - apart, Anchor::End) } else { (x + apart, Anchor::Start) };
+    paper.text(remark, [x, y], REMARK, anchor);
+}
+
 /// Returns the length of a line, in points.
 fn length(line: &[At]) -> f64 {
     line.windows(2).map(|ends| (ends[1][0] - ends[0][0]).hypot(ends[1][1] - ends[0][1])).sum()
@@ -220,31 +221,27 @@ pub(super) fn draw_markers(paper: &mut Canvas, places: &[At], marker: Marker, cu
         return paper.discs(places, r + 0.5 * pen.width, fill);
     }
     for &[x, y] in places {
-        match marker {
-            Marker::Circle => paper.circle([x, y], r, fill, Some(pen)),
-            Marker::Square => {
-                let r = 0.88 * r;
-                let corners = [[x - r, y - r], [x + r, y - r], [x + r, y + r], [x - r, y + r]];
-                paper.polygon(&corners, fill, Some(pen));
+        let shape = |points: &[At]| points.iter().map(|[a, b]| [x + r * a, y + r * b]).collect::<Vec<At>>();
+        let line = |[a, b]: At| [[x - r * a, y - r * b], [x + r * a, y + r * b]];
+        let body: &[At] = match marker {
+            Marker::Circle => {
+                paper.circle([x, y], r, fill, Some(pen));
+                continue;
             }
-            Marker::Triangle => {
-                let corners = [[x, y - 1.2 * r], [x + 1.1 * r, y + 0.8 * r], [x - 1.1 * r, y + 0.8 * r]];
-                paper.polygon(&corners, fill, Some(pen));
+            Marker::Cross | Marker::Plus => {
+                let ends = if marker == Marker::Cross {
+                    [[1.0, 1.0], [1.0, -1.0]]
+                } else {
+                    [[1.3, 0.0], [0.0, 1.3]]
+                };
+                ends.map(line).into_iter().for_each(|[from, to]| paper.line(from, to, pen));
+                continue;
             }
-            Marker::Diamond => {
-                let r = 1.25 * r;
-                paper.polygon(&[[x, y - r], [x + r, y], [x, y + r], [x - r, y]], fill, Some(pen));
-            }
-            Marker::Cross => {
-                paper.line([x - r, y - r], [x + r, y + r], pen);
-                paper.line([x - r, y + r], [x + r, y - r], pen);
-            }
-            Marker::Plus => {
-                let r = 1.3 * r;
-                paper.line([x - r, y], [x + r, y], pen);
-                paper.line([x, y - r], [x, y + r], pen);
-            }
-        }
+            Marker::Square => &[[-0.88, -0.88], [0.88, -0.88], [0.88, 0.88], [-0.88, 0.88]],
+            Marker::Triangle => &[[0.0, -1.2], [1.1, 0.8], [-1.1, 0.8]],
+            Marker::Diamond => &[[0.0, -1.25], [1.25, 0.0], [0.0, 1.25], [-1.25, 0.0]],
+        };
+        paper.polygon(&shape(body), fill, Some(pen));
     }
 }
 

@@ -1,7 +1,6 @@
 //! Content of the page of a run.
 
 use super::frames::Frames;
-use super::picture::InlinePicture;
 use crate::output::contacts::Contact;
 use crate::output::history::Table;
 use serde_json::Value;
@@ -17,8 +16,9 @@ pub struct ReportContents<'r> {
     pub contacts: Option<&'r [Contact]>,
     /// Frames from the snapshots, if the run wrote any.
     pub frames: Option<&'r Frames>,
-    /// Pictures, shown without JavaScript too.
-    pub pictures: &'r [InlinePicture],
+    /// Pictures, shown without JavaScript too: the names of their files in `plots/`, without
+    /// extension, and their texts as SVG.
+    pub pictures: &'r [(String, String)],
     /// Heights of obstacles to draw beside the deflections of probes, in m.
     pub heights: &'r [f64],
 }

@@ -2,11 +2,11 @@
 
 use super::blob::PageData;
 use crate::error::{Error, Result};
+use crate::geometry::range;
 use crate::output::plot::coarse;
 use crate::output::vtu::{self, Surface};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, HashMap};
-use std::io;
 use std::path::PathBuf;
 
 /// Largest number of frames of a page.
@@ -17,7 +17,7 @@ const LEAST_FRAMES: usize = 60;
 const MOST_VALUES: usize = 700_000;
 
 /// Frames of a run.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Frames {
     /// Times of the frames, in s.
     pub times: Vec<f64>,
@@ -48,23 +48,15 @@ impl Frames {
         let fields = if first.von_mises.is_empty() { 1 } else { 2 };
         let most = MOST_VALUES / (fields * shown.points.len().max(1));
         let most = most.clamp(LEAST_FRAMES, MOST_FRAMES).min(index.len());
-        let mut frames = Frames {
-            times: Vec::new(),
-            snapshots: index.len(),
-            points_of_snapshot: first.points.len(),
-            shown,
-            deflection: Vec::new(),
-            von_mises: Vec::new(),
-            obstacles: [Vec::new(), Vec::new()],
-            touching: Vec::new(),
-        };
+        let (snapshots, points_of_snapshot) = (index.len(), first.points.len());
+        let mut frames = Frames { snapshots, points_of_snapshot, shown, ..Frames::default() };
         for i in 0..most {
             let (time, path) = &index[if most > 1 { i * (index.len() - 1) / (most - 1) } else { 0 }];
             let surface = vtu::read(path)?;
             let same = |a: &[f64], b: &[f64]| a.is_empty() == b.is_empty();
             if surface.points != first.points || !same(&surface.von_mises, &first.von_mises) {
                 let what = format!("other points or arrays than {}", index[0].1.display());
-                return Err(Error::io(path)(io::Error::new(io::ErrorKind::InvalidData, what)));
+                return Err(Error::invalid(path, what));
             }
             frames.times.push(*time);
             frames.add(&surface);
@@ -100,18 +92,11 @@ impl Frames {
 
     /// Returns the least and greatest deflection, in m, and the largest extent of the plate, in m.
     pub fn extent(&self) -> ([f64; 2], f64) {
-        let ends = |values: &mut dyn Iterator<Item = f64>| {
-            values
-                .filter(|value| value.is_finite())
-                .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| {
-                    [low.min(value), high.max(value)]
-                })
-        };
         let size = [0, 1].map(|axis| {
-            let [low, high] = ends(&mut self.shown.places.iter().map(|place| place[axis]));
+            let [low, high] = range(self.shown.places.iter().map(|place| place[axis]));
             high - low
         });
-        (ends(&mut self.deflection.iter().flatten().copied()), size[0].max(size[1]))
+        (range(self.deflection.iter().flatten().copied().filter(|w| w.is_finite())), size[0].max(size[1]))
     }
 
     /// Adds the arrays of the frames, and returns what colours can show, with unit and quantum.
@@ -167,7 +152,7 @@ impl Frames {
 }
 
 /// Points of a snapshot that a page shows, and the faces between them.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct ShownPoints {
     /// Numbers of the points in the snapshot.
     points: Vec<usize>,
@@ -222,11 +207,7 @@ impl ShownPoints {
 
 /// Sorts points by strips of the plate, since differences between neighbours take few bytes.
 fn sort_by_place(points: &mut [usize], places: &[[f64; 2]]) {
-    let ends = |axis: usize| {
-        let values = points.iter().map(|&point| places[point][axis]);
-        values
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], value| [low.min(value), high.max(value)])
-    };
+    let ends = |axis: usize| range(points.iter().map(|&point| places[point][axis]));
     let [[left, right], [front, back]] = [ends(0), ends(1)];
     let strip = 0.7 * ((right - left) * (back - front) / points.len() as f64).sqrt();
     let row = |point: usize| if strip > 0.0 { ((places[point][1] - front) / strip).round() } else { 0.0 };

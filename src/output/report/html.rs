@@ -1,6 +1,7 @@
 //! Sections of the page as HTML.
 
 use super::contents::ReportContents;
+use crate::output::contacts::Contact;
 use crate::output::text::{grouped, significant};
 use crate::scene::unit;
 use serde_json::Value;
@@ -44,6 +45,20 @@ pub(super) fn escaped(text: &str) -> String {
     safe
 }
 
+/// Returns a section of the page with its heading, which has the name `h-` and the section's.
+pub(super) fn section(id: &str, class: &str, heading: &str, body: &str) -> String {
+    let class = if class.is_empty() { String::new() } else { format!(" class=\"{class}\"") };
+    format!("<section{class} aria-labelledby=\"h-{id}\"><h2 id=\"h-{id}\">{heading}</h2>\n{body}</section>\n")
+}
+
+/// Returns a table that its heads sort, in the section of a name.
+pub(super) fn sortable(id: &str, heads: &str, rows: &str) -> String {
+    format!(
+        "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-labelledby=\"h-{id}\"><table class=\"sortable\">\
+         <thead><tr>{heads}</tr></thead><tbody>\n{rows}</tbody></table></div>"
+    )
+}
+
 /// Returns the title, the effects and the parts of the scene of a run.
 pub(super) fn scene(summary: &Value) -> String {
     let scene = &summary["scene"];
@@ -51,20 +66,17 @@ pub(super) fn scene(summary: &Value) -> String {
     let status = summary["status"].as_str().unwrap_or("unknown");
     let state = if status == "done" { String::new() } else { format!(", ended early: {}", escaped(status)) };
     let version = escaped(summary["version"].as_str().unwrap_or_default());
-    let mut html = format!(
-        "<header><h1>{}</h1>\n<p class=\"soft\">Report of a run by rebond {version}{state}</p></header>\n<main>\n\
-         <section aria-labelledby=\"h-scene\"><h2 id=\"h-scene\">The scene</h2>\n",
+    let header = format!(
+        "<header><h1>{}</h1>\n<p class=\"soft\">Report of a run by rebond {version}{state}</p></header>\n<main>\n",
         escaped(title)
     );
-    let effects: Vec<&str> = texts(&summary["effects"]).collect();
-    if effects.is_empty() {
-        html += "<p>No effects: the plate vibrates freely.</p>\n";
-    } else {
-        html += "<ul class=\"effects\" aria-label=\"Effects that are on\">";
-        effects.iter().for_each(|effect| html += &format!("<li>{}</li>", escaped(effect)));
-        html += "</ul>\n";
-    }
-    html + &parts(scene) + "</section>\n"
+    let effects: String =
+        texts(&summary["effects"]).map(|effect| format!("<li>{}</li>", escaped(effect))).collect();
+    let effects = match effects.is_empty() {
+        true => "<p>No effects: the plate vibrates freely.</p>\n".to_owned(),
+        false => format!("<ul class=\"effects\" aria-label=\"Effects that are on\">{effects}</ul>\n"),
+    };
+    header + &section("scene", "", "The scene", &(effects + &parts(scene)))
 }
 
 /// Returns the parts of a resolved scene.
@@ -155,36 +167,28 @@ pub(super) fn numbers(summary: &Value) -> String {
     card("worst penetration", with_unit(&summary["worst_penetration"], "m").filter(|_| impact.is_object()));
     card("time of the steps", with_unit(&summary["seconds"]["stepping"], "s"));
 
-    let mut html = String::from(
-        "<section aria-labelledby=\"h-numbers\"><h2 id=\"h-numbers\">Key numbers</h2>\n<dl class=\"numbers\">\n",
-    );
-    for (title, value) in cards {
-        html += &format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(&title), escaped(value.trim_end()));
-    }
-    html += "</dl>\n";
-    let warnings: Vec<&str> = texts(&summary["warnings"]).collect();
+    let card = |(title, value): &(String, String)| {
+        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(title), escaped(value.trim_end()))
+    };
+    let cards: String = cards.iter().map(card).collect();
+    let warning = |text| format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text));
+    let mut warnings: String = texts(&summary["warnings"]).map(warning).collect();
     if warnings.is_empty() {
-        html += "<p class=\"soft\">The run gave no warnings.</p>\n";
+        warnings += "<p class=\"soft\">The run gave no warnings.</p>\n";
     }
-    warnings
-        .iter()
-        .for_each(|text| html += &format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text)));
-    html + "</section>\n"
+    section("numbers", "", "Key numbers", &format!("<dl class=\"numbers\">\n{cards}</dl>\n{warnings}"))
 }
 
 /// Returns the view of the moving plate, or how to get one; `colors` describes its quantities.
 pub(super) fn view(contents: &ReportContents, colors: &Value) -> String {
-    let open = |class: &str| {
-        format!("<section{class} aria-labelledby=\"h-motion\"><h2 id=\"h-motion\">The motion</h2>\n")
-    };
     let Some(frames) = contents.frames else {
         let steps = contents.summary["steps"].as_u64().unwrap_or(0);
-        return format!(
-            "{}<p>This run wrote no snapshots, so that there is no moving view. \
-             <code>rebond run scene.toml --set output.fields_every={}</code> writes about 300 of them.</p></section>\n",
-            open(""),
+        let words = format!(
+            "<p>This run wrote no snapshots, so that there is no moving view. \
+             <code>rebond run scene.toml --set output.fields_every={}</code> writes about 300 of them.</p>",
             (steps / 300).max(1)
         );
+        return section("motion", "", "The motion", &words);
     };
     let (shown, count) = (frames.times.len(), frames.snapshots);
     let mut note = match shown == count {
@@ -199,10 +203,9 @@ pub(super) fn view(contents: &ReportContents, colors: &Value) -> String {
         let [label, unit] = ["label", "unit"].map(|key| color[key].as_str().unwrap_or_default());
         note += &format!(", {label} in steps of {quantum:.1e} {unit}");
     }
-    format!(
-        "{}{VIEW}<p class=\"soft\">{note}; between snapshots the page interpolates. {LEGEND}</p></section>\n",
-        open(" class=\"live\"")
-    )
+    let words =
+        format!("{VIEW}<p class=\"soft\">{note}; between snapshots the page interpolates. {LEGEND}</p>");
+    section("motion", "live", "The motion", &words)
 }
 
 /// Returns what is said where the moving parts cannot be shown.
@@ -215,24 +218,7 @@ const LEGEND: &str = "Orange points are in contact, thick dark edges do not move
     Drag to turn, pinch to zoom, also by the wheel after a click on the view; keys: arrows turn, + and − zoom, Home \
     resets, space plays, comma and full stop go to the snapshot before and after.";
 
-const VIEW: &str = r#"<div class="stage">
-<canvas id="view" tabindex="0" role="img" aria-label="Moving view of the plate in perspective. Arrows turn it, plus and minus zoom, space plays."></canvas>
-<div class="legend"><span id="low"></span><span class="ramp"></span><span id="high"></span></div>
-<div class="controls">
-<button type="button" id="play">Play</button>
-<button type="button" id="before" aria-label="Snapshot before">◀</button>
-<button type="button" id="after" aria-label="Snapshot after">▶</button>
-<label class="long"><span id="now"></span><input type="range" id="time" min="0" step="any" value="0" aria-label="Time"></label>
-</div>
-<div class="controls">
-<label>Colour<select id="color"></select></label>
-<label>Deflections drawn<select id="scale"></select></label>
-<label>Speed<select id="speed"></select></label>
-<label>View<select id="look"><option value="oblique">oblique</option><option value="side">from the front</option><option value="end">from the side</option><option value="top">from above</option></select></label>
-<button type="button" id="nearer" aria-label="Nearer">+</button>
-<button type="button" id="farther" aria-label="Farther">−</button>
-</div></div>
-"#;
+const VIEW: &str = include_str!("page/view.html");
 
 /// Returns the place of the charts, with a note on the rows left out.
 pub(super) fn charts(shown: usize, rows: usize) -> String {
@@ -244,44 +230,43 @@ pub(super) fn charts(shown: usize, rows: usize) -> String {
             grouped(rows as u64)
         ),
     };
-    format!(
-        "<section class=\"live\" aria-labelledby=\"h-series\"><h2 id=\"h-series\">Over time</h2>\n\
-         <div id=\"charts\"></div>\n<p><button type=\"button\" id=\"all\">Show all times</button></p>\n\
-         <p class=\"soft\">{note} Drag across a chart to zoom all of them, click to show that instant above.</p></section>\n"
-    )
+    let words = format!(
+        "<div id=\"charts\"></div>\n<p><button type=\"button\" id=\"all\">Show all times</button></p>\n\
+         <p class=\"soft\">{note} Drag across a chart to zoom all of them, click to show that instant above.</p>"
+    );
+    section("series", "live", "Over time", &words)
 }
 
 /// Returns the table of contacts.
 pub(super) fn contacts(contents: &ReportContents) -> String {
-    let mut html =
-        String::from("<section aria-labelledby=\"h-contacts\"><h2 id=\"h-contacts\">Contacts</h2>\n");
-    let contacts = match contents.contacts {
-        None => return html + "<p>The scene has neither obstacles nor balls.</p></section>\n",
-        Some([]) => return html + "<p>Nothing touched.</p></section>\n",
-        Some(contacts) => contacts,
+    let body = match contents.contacts {
+        None => "<p>The scene has neither obstacles nor balls.</p>".to_owned(),
+        Some([]) => "<p>Nothing touched.</p>".to_owned(),
+        Some(contacts) => contact_table(contacts),
     };
-    if contacts.len() > MOST_CONTACTS {
-        let count = grouped(contacts.len() as u64);
-        html += &format!(
-            "<p>The first {MOST_CONTACTS} of {count} contacts of nodes; contacts.csv has the others.</p>\n"
-        );
-    }
-    html += "<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-labelledby=\"h-contacts\"><table class=\"sortable\">\
-        <thead><tr><th scope=\"col\">begin (s)</th><th scope=\"col\">end (s)</th><th scope=\"col\">node</th>\
-        <th scope=\"col\">x (m)</th><th scope=\"col\">y (m)</th><th scope=\"col\">impulse (N s)</th></tr></thead><tbody>\n";
-    for contact in contacts.iter().take(MOST_CONTACTS) {
-        let cell = |value: f64| format!("<td data-v=\"{value}\">{}</td>", significant(value));
-        let [x, y] = contact.at.map(cell);
-        html += &format!(
-            "<tr><td data-v=\"{}\"><a href=\"#t={0}\">{}</a></td>{}<td>{}</td>{x}{y}{}</tr>\n",
-            contact.begin,
-            significant(contact.begin),
-            cell(contact.end),
-            contact.node,
-            cell(contact.impulse)
-        );
-    }
-    html + "</tbody></table></div></section>\n"
+    section("contacts", "", "Contacts", &body)
+}
+
+fn contact_table(contacts: &[Contact]) -> String {
+    let cut = match contacts.len() > MOST_CONTACTS {
+        true => format!(
+            "<p>The first {MOST_CONTACTS} of {} contacts of nodes; contacts.csv has the others.</p>\n",
+            grouped(contacts.len() as u64)
+        ),
+        false => String::new(),
+    };
+    let heads = ["begin (s)", "end (s)", "node", "x (m)", "y (m)", "impulse (N s)"];
+    let heads = heads.map(|head| format!("<th scope=\"col\">{head}</th>")).concat();
+    let cell = |value: f64| format!("<td data-v=\"{value}\">{}</td>", significant(value));
+    let row = |&Contact { node, at: [x, y], begin, end, impulse }: &Contact| {
+        let [end, x, y, impulse] = [end, x, y, impulse].map(cell);
+        let time = significant(begin);
+        format!(
+            "<tr><td data-v=\"{begin}\"><a href=\"#t={begin}\">{time}</a></td>{end}<td>{node}</td>{x}{y}{impulse}</tr>\n"
+        )
+    };
+    let rows: String = contacts.iter().take(MOST_CONTACTS).map(row).collect();
+    cut + &sortable("contacts", &heads, &rows)
 }
 
 /// Returns the resolved scene and how to run it again.
@@ -304,15 +289,15 @@ pub(super) fn again_by(commands: &str, [version, hash]: [&str; 2], resolved: &Va
         }
     };
     let [version, hash, commands] = [version, hash, commands].map(escaped);
-    format!(
-        "<section aria-labelledby=\"h-again\"><h2 id=\"h-again\">How to run it again</h2>\n\
-         <p>The scene below has every default filled in (rebond {version}, scene {hash}). Save it as \
+    let words = format!(
+        "<p>The scene below has every default filled in (rebond {version}, scene {hash}). Save it as \
          <code>scene.toml</code>, and run:{beside}</p>\n\
          <pre>{commands}</pre>\n\
          <p class=\"live\"><button type=\"button\" id=\"save\">Save scene.toml</button></p>\n\
-         <details><summary>The resolved scene</summary><pre id=\"scene-text\">{}</pre></details></section>\n",
+         <details><summary>The resolved scene</summary><pre id=\"scene-text\">{}</pre></details>",
         escaped(scene)
-    )
+    );
+    section("again", "", "How to run it again", &words)
 }
 
 /// Collects the names of meshes and tables in a scene.

@@ -1,8 +1,7 @@
 //! Page of a sweep or a study: pictures, the table of runs, the scene, how to make it again.
 
-use super::html::{again_by, escaped, parts};
-use super::picture::compact;
-use super::{document, scene_text};
+use super::html::{again_by, escaped, parts, section, sortable};
+use super::{document, picture, scene_text};
 use crate::output::text::{grouped, significant};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -105,12 +104,7 @@ impl RunTable {
             true => format!("<p>The first {MOST_RUNS} of {} rows.</p>\n", grouped(self.rows.len() as u64)),
             false => String::new(),
         };
-        format!(
-            "<section aria-labelledby=\"{id}\"><h2 id=\"{id}\">{}</h2>\n{cut}\
-             <div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-labelledby=\"{id}\"><table class=\"sortable\">\
-             <thead><tr>{heads}</tr></thead><tbody>\n{rows}</tbody></table></div></section>\n",
-            escaped(&self.heading)
-        )
+        section(id, "", &escaped(&self.heading), &(cut + &sortable(id, &heads, &rows)))
     }
 }
 
@@ -148,68 +142,21 @@ pub fn page_of_many(runs: &ManyRuns) -> io::Result<String> {
     body +=
         "<noscript><p class=\"soft\">With JavaScript the headings of the tables sort them.</p></noscript>\n";
     remarks.iter().for_each(|remark| body += &format!("<p>{}</p>\n", escaped(remark)));
-    body += &figures(pictures);
-    for (number, table) in tables.iter().enumerate() {
-        body += &table.html(&format!("h-runs-{number}"));
+    if !pictures.is_empty() {
+        body += &picture::pictures(pictures, MOST_BYTES, [""; 2], "");
     }
-    let section = |id: &str, heading: &str, text: &str| {
-        format!("<section aria-labelledby=\"{id}\"><h2 id=\"{id}\">{heading}</h2>\n{text}</section>\n")
-    };
+    for (number, table) in tables.iter().enumerate() {
+        body += &table.html(&format!("runs-{number}"));
+    }
     if scene.is_object() {
-        body += &section("h-scene", "The scene", &parts(scene));
+        body += &section("scene", "", "The scene", &parts(scene));
         let commands = format!("rebond {kind} scene.toml --out again\nrebond report again");
         body += &again_by(&commands, [version, hash], scene, &scene_text(scene)?);
     }
     let made = format!("<pre>{}</pre>", escaped(command));
-    body += &section("h-made", "The command that made it", &made);
+    body += &section("made", "", "The command that made it", &made);
     let script = SORTABLE.replace("export function", "function");
     Ok(document(&shown, &body, &format!("<script>\n{script}{BOOT}</script>\n")))
-}
-
-/// Returns the pictures that fit in a page, and the names of the others.
-fn figures(pictures: &[(String, String)]) -> String {
-    let (mut html, mut left_out) = (String::new(), Vec::new());
-    for (name, svg) in pictures {
-        let svg = compact(svg, name);
-        if html.len() + svg.len() > MOST_BYTES {
-            left_out.push(format!("plots/{name}.svg"));
-            continue;
-        }
-        let caption = escaped(&caption(name));
-        let file = escaped(name);
-        html += &format!(
-            "<figure><div class=\"picture\" role=\"img\" aria-label=\"{caption}\">{svg}</div>\
-             <figcaption>{caption} (plots/{file}.svg)</figcaption></figure>\n"
-        );
-    }
-    if !left_out.is_empty() {
-        html +=
-            &format!("<p class=\"soft\">Left out for their size: {}.</p>\n", escaped(&left_out.join(", ")));
-    }
-    if html.is_empty() {
-        return html;
-    }
-    format!("<section aria-labelledby=\"h-pictures\"><h2 id=\"h-pictures\">Pictures</h2>\n{html}</section>\n")
-}
-
-/// Returns what a picture shows; those of studies have the name of a mesh at their end.
-fn caption(name: &str) -> String {
-    let meanings = [
-        ("bifurcation", "Values once per period, over the swept key"),
-        ("response", "Response over the swept key"),
-        ("map", "Measures over the two swept keys"),
-        ("work-precision", "Errors against seconds"),
-        ("orders", "Errors against the time step"),
-        ("energy-drift", "Change of the energy against the time step"),
-        ("after-impact", "Errors and energy after the first impact"),
-        ("cost", "Cost of a run"),
-    ];
-    let meaning = meanings.iter().find_map(|(word, text)| Some((name.strip_prefix(word)?, text)));
-    match meaning {
-        Some(("", text)) => (*text).to_owned(),
-        Some((mesh, text)) => format!("{text}, {}", mesh.trim_start_matches('-').replace('-', " ")),
-        None => name.replace('-', " "),
-    }
 }
 
 #[cfg(test)]

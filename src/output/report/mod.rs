@@ -16,9 +16,8 @@ mod series;
 pub use contents::ReportContents;
 pub use frames::{Frames, MOST_FRAMES};
 pub use many::{ManyRuns, RunTable, page_of_many};
-pub use picture::InlinePicture;
 
-use crate::output::plot::perspective;
+use crate::output::plot::{self, perspective};
 use blob::PageData;
 use serde_json::{Value, json};
 use std::io;
@@ -26,6 +25,8 @@ use std::io;
 /// Name of the file in the run folder.
 pub const FILE: &str = "report.html";
 
+/// Approximate limit on the length of all pictures, in bytes.
+const MOST_BYTES: usize = 480_000;
 /// Script and style of the page; `page/build.mjs` makes them.
 const SCRIPT: &str = include_str!("page/bundle.js");
 const STYLE: &str = include_str!("page/bundle.css");
@@ -88,19 +89,13 @@ fn document(title: &str, body: &str, scripts: &str) -> String {
     )
 }
 
-fn pictures(pictures: &[InlinePicture]) -> String {
-    let (figures, left_out) = picture::figures(pictures);
-    let others = match left_out.is_empty() {
-        true => String::new(),
-        false => format!(
-            "<p class=\"soft\">Left out for their size, in the folder plots after <code>rebond plot</code>: {}.</p>\n",
-            left_out.join(", ")
-        ),
-    };
-    format!(
-        "<section aria-labelledby=\"h-pictures\"><h2 id=\"h-pictures\">Pictures</h2>\n\
-         <details class=\"pictures\" open><summary>Still pictures of the run</summary>\n{figures}{others}</details></section>\n"
-    )
+/// Returns the pictures of a run that fit in a page of moderate size, in order of importance.
+fn pictures(pictures: &[(String, String)]) -> String {
+    let ordered = plot::PICTURES.iter();
+    let ordered = ordered.filter_map(|(name, _)| pictures.iter().find(|picture| picture.0 == *name));
+    let open = "<details class=\"pictures\" open><summary>Still pictures of the run</summary>\n";
+    let remedy = ", in the folder plots after <code>rebond plot</code>";
+    picture::pictures(ordered, MOST_BYTES, [open, "</details>"], remedy)
 }
 
 /// Returns a resolved scene as the text of a scene file.

@@ -1,54 +1,58 @@
-//! Pictures of `rebond plot` inside the page.
+//! Pictures of `rebond plot` and of sweeps and studies inside the page.
 
-/// Approximate limit on the length of all pictures, in bytes.
-const MOST_BYTES: usize = 480_000;
+use super::html::{escaped, section};
+use crate::output::plot;
 
-/// Picture of a run as SVG, with the name of its file in `plots/`.
-#[derive(Debug)]
-pub struct InlinePicture {
-    /// Name without extension.
-    pub name: &'static str,
-    /// Text of the file.
-    pub svg: String,
-}
+/// Names of the pictures of sweeps and studies, or their beginnings, with what they show.
+const CAPTIONS: [(&str, &str); 8] = [
+    ("bifurcation", "Values once per period, over the swept key"),
+    ("response", "Response over the swept key"),
+    ("map", "Measures over the two swept keys"),
+    ("work-precision", "Errors against seconds"),
+    ("orders", "Errors against the time step"),
+    ("energy-drift", "Change of the energy against the time step"),
+    ("after-impact", "Errors and energy after the first impact"),
+    ("cost", "Cost of a run"),
+];
 
-impl InlinePicture {
-    /// Returns what the picture shows, for readers and screen readers.
-    fn caption(&self) -> &'static str {
-        match self.name {
-            "history" => "Probes, forces and energies over time",
-            "energy" => "Energies, change of their sum, and force of the obstacles over time",
-            "contacts" => "Contacts of nodes over time, and where they are on the plate",
-            "forces" => "Force of named obstacles over the gap",
-            "snapshots" => "Snapshots of the plate, coloured by deflection",
-            "stresses" => "Snapshots of the plate, coloured by von Mises stress",
-            "extremes" => "Largest von Mises stress of the run over the plate",
-            "phase" => "Phase portraits of the probes",
-            "spectrum" => "Spectra of the probes",
-            _ => "Picture of the run",
-        }
+/// Returns what a picture shows, for readers and screen readers; pictures of studies have the name
+/// of a mesh at their end.
+fn caption(name: &str) -> String {
+    let captions = CAPTIONS.iter().chain(&plot::PICTURES);
+    match captions.into_iter().find_map(|(word, text)| Some((name.strip_prefix(word)?, text))) {
+        Some(("", text)) => (*text).to_owned(),
+        Some((mesh, text)) => format!("{text}, {}", mesh.trim_start_matches('-').replace('-', " ")),
+        None => name.replace('-', " "),
     }
 }
 
-/// Returns the pictures that fit in a page of moderate size, in order of importance, as HTML, and
-/// the names of the others.
-pub(super) fn figures(pictures: &[InlinePicture]) -> (String, Vec<&'static str>) {
-    const ORDER: [&str; 9] =
-        ["history", "snapshots", "contacts", "energy", "extremes", "forces", "spectrum", "stresses", "phase"];
+/// Returns the section of pictures, given by the names of their files in `plots/` and their texts
+/// as SVG: the first ones, up to `most` bytes, and the names of the others. `open` and `close` are
+/// the tags around them, `remedy` tells where the others are.
+pub(super) fn pictures<'p>(
+    pictures: impl IntoIterator<Item = &'p (String, String)>,
+    most: usize,
+    [open, close]: [&str; 2],
+    remedy: &str,
+) -> String {
     let (mut html, mut left_out) = (String::new(), Vec::new());
-    for name in ORDER {
-        let Some(picture) = pictures.iter().find(|picture| picture.name == name) else { continue };
-        let (svg, caption) = (compact(&picture.svg, name), picture.caption());
-        if html.len() + svg.len() > MOST_BYTES {
-            left_out.push(name);
+    for (name, svg) in pictures {
+        let (svg, caption) = (compact(svg, name), escaped(&caption(name)));
+        if html.len() + svg.len() > most {
+            left_out.push(format!("plots/{name}.svg"));
             continue;
         }
         html += &format!(
             "<figure><div class=\"picture\" role=\"img\" aria-label=\"{caption}\">{svg}</div>\
-             <figcaption>{caption} (plots/{name}.svg)</figcaption></figure>\n"
+             <figcaption>{caption} (plots/{}.svg)</figcaption></figure>\n",
+            escaped(name)
         );
     }
-    (html, left_out)
+    if !left_out.is_empty() {
+        let names = escaped(&left_out.join(", "));
+        html += &format!("<p class=\"soft\">Left out for their size{remedy}: {names}.</p>\n");
+    }
+    section("pictures", "", "Pictures", &format!("{open}{html}{close}"))
 }
 
 /// Shortens a picture and makes it fit to stand beside others: names of its own, coordinates to a

@@ -23,6 +23,7 @@ mod types;
 pub mod whole;
 
 use crate::error::{Error, Result};
+use crate::geometry::range;
 use crate::linalg::Native;
 use crate::mesh::Point;
 use crate::modes;
@@ -315,13 +316,7 @@ fn watched(scene: &Scene) -> Result<Scene> {
     scene.output.probes.retain(|probe| probe.quantity == ProbeQuantity::Deflection);
     if scene.output.probes.is_empty() {
         let mesh = simulation::mesh(&scene)?;
-        let extremes = |coordinate: fn(&Point) -> f64| {
-            mesh.nodes
-                .iter()
-                .map(coordinate)
-                .fold([f64::MAX, f64::MIN], |[least, most], x| [least.min(x), most.max(x)])
-        };
-        let (x, y) = (extremes(|node| node.x), extremes(|node| node.y));
+        let [x, y] = [0, 1].map(|axis| range(mesh.nodes.iter().map(|node| node[axis])));
         let between = |[least, most]: [f64; 2], part: f64| (1.0 - part) * least + part * most;
         let places = [("left", 0.0), ("middle", 0.5), ("right", 1.0)];
         let heights = [("bottom", 0.0), ("middle", 0.5), ("top", 1.0)];

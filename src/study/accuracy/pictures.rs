@@ -9,6 +9,8 @@ use crate::output::plot::{Axis, Color, Curve, Figure, Panel};
 use crate::scene::{ElementKind, Horizon, Mass};
 use std::path::Path;
 
+/// Name of the hatched band within which methods with the same limit differ.
+const FLOOR: &str = "best runs of all masses differ";
 /// Lower edge of a picture relative to the least error of any method with a step.
 const EDGE: f64 = 0.1;
 
@@ -112,11 +114,11 @@ impl<'a> OnMesh<'a> {
             Ranked::Time => "relative error in time",
             Ranked::Whole => "relative error",
         };
-        let panel = panel(Axis::log("time", "s"), name, heading, 150.0)
-            .curve(front_curve(best))
-            .curves(self.curves(true, point));
         let floor = self.accuracy.floor().filter(|_| self.axis == Ranked::Whole);
-        with_floor(panel, floor.map(|floor| floor.deflection))
+        panel(Axis::log("time", "s"), name, heading, 150.0)
+            .curve(front_curve(best))
+            .curves(self.curves(true, point))
+            .band_below(floor.map(|floor| floor.deflection), FLOOR)
     }
 
     /// Returns the runs of methods whose accuracy depends on the step.
@@ -179,18 +181,10 @@ fn whole(accuracy: &Accuracy, meshes: &[String]) -> Panel {
     let of_mesh =
         |(number, mesh): (usize, &String)| curve(number, mesh, true, points(&accuracy.runs_on(mesh)));
     let name = if accuracy.limits.is_empty() { "relative error" } else { "relative error, time and space" };
-    let panel = panel(Axis::log("time", "s"), name, report::horizon_words(accuracy.until), 150.0)
+    panel(Axis::log("time", "s"), name, report::horizon_words(accuracy.until), 150.0)
         .curve(front_curve(points(&runs)))
-        .curves(meshes.iter().enumerate().map(of_mesh));
-    with_floor(panel, accuracy.floor().map(|floor| floor.deflection))
-}
-
-/// Adds the hatched band of the floor, within which methods with the same limit differ.
-fn with_floor(panel: Panel, floor: Option<f64>) -> Panel {
-    match floor {
-        Some(floor) => panel.band_below(floor, "best runs of all masses differ"),
-        None => panel,
-    }
+        .curves(meshes.iter().enumerate().map(of_mesh))
+        .band_below(accuracy.floor().map(|floor| floor.deflection), FLOOR)
 }
 
 /// Draws the whole error of the deflection after the first impact, and the energy split, over the
@@ -225,11 +219,11 @@ fn after_impact(accuracy: &Accuracy) -> Vec<Panel> {
     let mut panels = Vec::new();
     if has(&deflection) {
         let drawn = drawn("(a) deflection after the first impact", &deflection, true);
-        panels.push(with_floor(drawn, of_floor(|floor| floor.after_impact)));
+        panels.push(drawn.band_below(of_floor(|floor| floor.after_impact), FLOOR));
     }
     if has(&split) {
         let drawn = drawn("(b) energy split of the first impact", &split, false);
-        panels.push(with_floor(drawn, of_floor(|floor| floor.kinetic)));
+        panels.push(drawn.band_below(of_floor(|floor| floor.kinetic), FLOOR));
     }
     panels
 }

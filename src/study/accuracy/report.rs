@@ -1,6 +1,6 @@
 //! Reports of a study: its tables as text, `study.csv` and `study.json`.
 
-use super::front::{ACCURACIES, Axis, SpaceOrder, TimeOrder, cheapest, front};
+use super::front::{ACCURACIES, Axis, cheapest, front};
 use super::trajectory::{Deviation, Parts};
 use super::whole::Floor;
 use super::{Accuracy, Run, mesh_name};
@@ -8,6 +8,7 @@ use crate::output::text::{Table, TableColumns, grouped, significant, two_digits}
 use crate::scene::Scene;
 use crate::scene::{Horizon, Mass};
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 use std::fmt;
 
 /// Formats a number as `1.2e-3`, or `-` if there is none.
@@ -311,45 +312,28 @@ pub struct CheapestRun {
     error: Option<f64>,
 }
 
-/// Content of `study.json`: a study with its evaluation.
-#[derive(Debug, Serialize)]
-pub struct AccuracySummary<'a> {
-    program: &'static str,
-    version: &'static str,
-    /// Command that made the study.
-    command: &'a str,
-    /// Hash of the scene.
-    scene: &'a str,
-    /// Scene with every default filled in.
-    resolved: &'a Scene,
-    #[serde(flatten)]
-    accuracy: &'a Accuracy,
-    cheapest: Vec<CheapestRun>,
-    time_orders: Vec<TimeOrder>,
-    space_orders: Vec<SpaceOrder>,
-    floor: Option<Floor>,
-}
-
 impl Accuracy {
-    /// Returns the content of `study.json`, given the command, the scene and its hash.
-    pub fn summary<'a>(
-        &'a self,
-        command: &'a str,
-        resolved: &'a Scene,
-        scene: &'a str,
-    ) -> AccuracySummary<'a> {
-        AccuracySummary {
-            program: env!("CARGO_PKG_NAME"),
-            version: env!("CARGO_PKG_VERSION"),
-            command,
-            scene,
-            resolved,
-            accuracy: self,
-            cheapest: self.cheapest(),
-            time_orders: self.time_orders(),
-            space_orders: self.space_orders(),
-            floor: self.floor(),
+    /// Returns the content of `study.json`: the study with its evaluation, given the command that
+    /// made it, the scene with every default filled in, and its hash.
+    pub fn summary(&self, command: &str, resolved: &Scene, scene: &str) -> Value {
+        let mut summary = json!({
+            "program": env!("CARGO_PKG_NAME"),
+            "version": env!("CARGO_PKG_VERSION"),
+            "command": command,
+            "scene": scene,
+            "resolved": resolved,
+        });
+        let evaluation = json!({
+            "cheapest": self.cheapest(),
+            "time_orders": self.time_orders(),
+            "space_orders": self.space_orders(),
+            "floor": self.floor(),
+        });
+        for part in [json!(self), evaluation] {
+            let entries = part.as_object().into_iter().flatten();
+            entries.for_each(|(key, value)| summary[key] = value.clone());
         }
+        summary
     }
 
     /// Reads an unfinished study of the same scene from a `study.json`; `None` for any other.
