@@ -301,21 +301,48 @@ fn what_all_ranks_find_wrong_is_said_once() {
     // Ranks with different work would compute parts of different plates, or wait without end.
     std::fs::write(folder.join("light.toml"), PUSHED.replace("7770", "3885")).unwrap();
     for (other, part) in [("run light.toml", "scene"), ("run fall.toml --quiet", "command line")] {
-        assert_fails(&beside(&folder, other), 2, &["rank 1", part, "rank 0"]);
+        assert_fails(&beside(&folder, other, "."), 2, &["rank 1", part, "rank 0"]);
     }
-    assert_fails(&beside(&folder, "--help"), 2, &["rank 1", "scene", "rank 0"]);
+    assert_fails(&beside(&folder, "--help", "."), 2, &["rank 1", "scene", "rank 0"]);
     // Only rank 0 writes, so only rank 0 can fail to write.
     assert_fails(&run(2, &["--out", "fall.toml/run"]), 4, &["fall.toml"]);
 }
 
-/// Calls the command on two ranks, of which the second is given other words.
+/// Scenes of the same text mean other plates where their table or their mesh differs.
+#[test]
+fn ranks_with_other_files_are_refused() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let cells = "mesh = { element = \"fvs\", cells = [4, 2] }";
+    let shaken = "pressure = { table = \"other.csv\", interpolation = \"linear\" }";
+    for (file, scene, from, [old, new], part) in [
+        ("other.csv", PUSHED.replace("pressure = -1e5", shaken), "pulse.csv", ["0.01,1", "0.01,2"], "scene"),
+        (
+            "other.msh",
+            PUSHED.replace(cells, "mesh.file = \"other.msh\"").replace("length = 1.2, width = 0.4, ", ""),
+            "hard/one-node-joint.msh",
+            ["6 2 2 0", "6 2 3 0"],
+            "mesh file",
+        ),
+    ] {
+        let folder = command::folder(&format!("mpirun-{file}"), &scene);
+        std::fs::create_dir(folder.join("elsewhere")).unwrap();
+        std::fs::copy(folder.join("fall.toml"), folder.join("elsewhere/fall.toml")).unwrap();
+        let text = std::fs::read_to_string(data.join(from)).unwrap();
+        assert!(text.contains(old), "{text}");
+        std::fs::write(folder.join(file), &text).unwrap();
+        std::fs::write(folder.join("elsewhere").join(file), text.replace(old, new)).unwrap();
+        assert_fails(&beside(&folder, "run fall.toml", "elsewhere"), 2, &["rank 1", part, "rank 0"]);
+    }
+}
+
+/// Calls the command on two ranks, of which the second is given other words in another folder.
 ///
 /// A shell tells the ranks apart: the mpirun of Debian 13 crashes at a colon between two programs.
-fn beside(folder: &Path, other: &str) -> Output {
-    let choice = "if [ \"$OMPI_COMM_WORLD_RANK\" = 1 ]; then shift; fi; exec \"$0\" $1";
+fn beside(folder: &Path, other: &str, place: &str) -> Output {
+    let choice = "if [ \"$OMPI_COMM_WORLD_RANK\" = 1 ]; then cd \"$3\"; shift; fi; exec \"$0\" $1";
     let program = env!("CARGO_BIN_EXE_rebond");
     mpirun_program(folder, 2, "sh")
-        .args(["-c", choice, program, "run fall.toml", other])
+        .args(["-c", choice, program, "run fall.toml", other, place])
         .env("OMPI_MCA_odls_base_sigkill_timeout", "0")
         .output()
         .unwrap()
