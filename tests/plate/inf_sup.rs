@@ -1,6 +1,8 @@
 //! The inf-sup constant, compared with an independent program, and cases in which it vanishes.
 
+use crate::common::models::{CLAMPED, UNIT};
 use crate::common::plates::{Alternating, Fvs, Hct, Matrices, Right, all_round, close};
+use crate::common::scenes::{self, STILL, grid};
 use rebond::dof_map::Support;
 use rebond::linalg::{ElementMatrix, Form, Native, SingularMassCell};
 use rebond::study::infsup::{self, InfSup};
@@ -119,4 +121,28 @@ fn fewer_reactions_are_easier_to_carry() {
         .collect();
     let some = plate_constants(&plate, &edge);
     assert!(some.raw > all.raw && some.energy > all.energy, "{some:?} against {all:?}");
+}
+
+/// A rib with mass shares the mean velocity of each cell that it lies in, and leaves as many
+/// reactions to carry as one without mass, with a constant of the same size.
+#[test]
+fn a_rib_with_mass_keeps_the_constant() {
+    for element in ["fvs", "hct"] {
+        let constants = |ribs: &str, mass: f64| {
+            let ribs = ribs.replace("RIB", &format!("bending = 1, mass = {mass}"));
+            scenes::inspect(&format!("{UNIT}{}{CLAMPED}rib = [{ribs}]\n{STILL}", grid(element, 8, 8))).inf_sup
+        };
+        for ribs in [
+            "{ line = [[0, 0.5], [1, 0.5]], RIB }",
+            "{ line = [[0, 0.53], [1, 0.61]], RIB }",
+            "{ line = [[0, 0.53], [1, 0.61]], RIB }, { line = [[1, 0.61], [0, 0.53]], RIB }",
+        ] {
+            let [bare, heavy] = [0.0, 0.1].map(|mass| constants(ribs, mass));
+            println!("{element}, {ribs}: {bare:?}, {heavy:?}");
+            for (bare, heavy) in [(bare.raw, heavy.raw), (bare.energy, heavy.energy)] {
+                let ratio = heavy.unwrap() / bare.unwrap();
+                assert!((0.4..2.0).contains(&ratio), "{element}, {ribs}: {ratio}");
+            }
+        }
+    }
 }
