@@ -13,6 +13,7 @@ use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::scene::FieldInput;
 use crate::scheme::{LoadOfTime, LoadTerm};
+use crate::simulation::phase;
 use crate::simulation::refinement::accepted;
 use serde::Serialize;
 use std::cell::RefCell;
@@ -239,6 +240,7 @@ const WAVE_INSTANTS: u64 = 100;
 
 /// Returns the resultants of all loads, on a single process.
 pub(in crate::simulation) fn totals<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<LoadTotal>> {
+    phase("loads");
     let BuildContext { scene, mesh, .. } = ground;
     let resultant = |load: &[f64]| Resultant::of(&mesh.nodes, load);
     let arm = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.coords.norm()));
