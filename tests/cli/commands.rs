@@ -65,6 +65,14 @@ fn a_run_hides_no_warning_of_its_check() {
             "initial.velocity: a slope of 0.1 1/s at (0, 0), where a support holds",
         ),
         (&["mesh={ element = 'hct', cells = [2, 2] }", clamped], "inf-sup condition fails"),
+        (
+            &[
+                "ball=[{ at=[0.6, 0.2], mass=1, height=0.1 }]",
+                "output.probes=[{ name='s', at=[0.65, 0.2], quantity='von_mises_top' }]",
+            ],
+            "beside a point that is held or loaded (ball.0)",
+        ),
+        (&["ball=[{ at=[0.6, 0.2], mass=1, height=0.1 }]"], "ball.0.mass: the rebound of a rigid ball"),
     ] {
         let settings: Vec<&str> =
             settings.iter().chain(&["time.end=0.02"]).flat_map(|set| ["--set", set]).collect();

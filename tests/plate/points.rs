@@ -49,6 +49,19 @@ fn a_stress_beside_a_point_force_has_no_limit() {
     assert!(said.len() == 1 && said[0].contains("load.force.0"), "{said:?}");
     assert_eq!(warnings(EDGE, &probes("deflection", 0.095)), [""; 0]);
     assert_eq!(warnings(EDGE, &probes("von_mises_top", 0.155)), [""; 0]);
+    for (table, keys) in [
+        ("obstacle", "side = \"below\", height = -1"),
+        ("ball", "mass = 1, height = 1"),
+        ("slider", "force = 1"),
+    ] {
+        let beside = |x: f64| {
+            let attached = format!("{table} = [{{ at = [0.09, 0.09], {keys} }}]\n");
+            warnings(EDGE, &[attached, probes("von_mises_top", x).lines().skip(1).collect()].concat())
+        };
+        let said = beside(0.095);
+        assert!(said.len() == 1 && said[0].contains(&format!("{table}.0")), "{said:?}");
+        assert_eq!(beside(0.155), [""; 0], "{table}");
+    }
 }
 
 /// Two squares that share one corner pass on no slope there.

@@ -416,29 +416,52 @@ fn a_floor_that_rises_closes_at_its_speed() {
     }
 }
 
+/// Returns a stiff block on n x n cells that a ball of some mass hits.
+fn block(n: usize, ball: &str, scheme: &str, step: f64, end: f64) -> String {
+    format!(
+        "plate = {{ length = 0.1, width = 0.1, thickness = 0.05, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7800 }}\n\
+         {}{}foundation = [{{ stiffness = 1e5 }}]\n\
+         ball = [{{ at = [0.05, 0.05], height = 1e-5, velocity = -1.0, {ball} }}]\n\
+         output.probes = [{{ name = \"v\", ball = 0, quantity = \"velocity\" }}]\n\
+         time = {{ scheme = \"{scheme}\", mass = \"singular\", step = {step:e}, end = {end:e} }}\n",
+        scenes::all_round("guided"),
+        grid("fvs", n, n)
+    )
+}
+
+/// Returns the speed of the ball at the end.
+fn speed(text: &str) -> f64 {
+    scenes::run(text).last().map(|row| row.probes[0]).unwrap()
+}
+
 /// A rigid ball on a stiff block leaves with what the block's fastest motion gives it. With the
 /// advised step its speed is that of the exact motion, which has no step.
 #[test]
 fn the_advised_step_follows_a_rigid_ball() {
-    let text = format!(
-        "plate = {{ length = 0.1, width = 0.1, thickness = 0.05, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7800 }}\n\
-         {}{}foundation = [{{ stiffness = 1e5 }}]\n\
-         ball = [{{ at = [0.05, 0.05], mass = 1.0, height = 1e-5, velocity = -1.0 }}]\n\
-         output.probes = [{{ name = \"v\", ball = 0, quantity = \"velocity\" }}]\n",
-        scenes::all_round("guided"),
-        scenes::grid("fvs", 4, 4)
-    );
-    let time = |scheme: &str, step: f64| {
-        format!(
-            "{text}time = {{ scheme = \"{scheme}\", mass = \"singular\", step = {step:e}, end = 6e-5 }}\n"
-        )
-    };
-    let speed = |text: &str| scenes::run(text).last().map(|row| row.probes[0]).unwrap();
-    let exact = speed(&time("exact", 1e-5));
-    let check = rebond::study::check(&scenes::scene(&time("conserving", 1e-5))).unwrap();
+    let conserving = |step: f64| block(4, "mass = 1", "conserving", step, 6e-5);
+    let exact = speed(&block(4, "mass = 1", "exact", 1e-5, 6e-5));
+    let check = rebond::study::check(&scene(&conserving(1e-5))).unwrap();
     let advised = check.advised_step.unwrap();
-    let found = speed(&time("conserving", advised));
+    let found = speed(&conserving(advised));
     println!("{advised:e} s: {found} m/s, exact {exact} m/s");
     assert!((found / exact - 1.0).abs() <= 0.01, "{advised:e} s: {found} m/s, exact {exact} m/s");
     assert!(check.warnings.iter().any(|said| said.contains("the rebound of a rigid ball")), "{check:?}");
+}
+
+/// The mesh decides how fast a rigid ball leaves if the ball is light beside a cell, and a warning
+/// says so; a heavy ball and a compliant one leave alike from every mesh.
+#[test]
+fn a_light_rigid_ball_depends_on_the_mesh() {
+    for (ball, scheme, is_light) in [
+        ("mass = 1", "exact", true),
+        ("mass = 40", "exact", false),
+        ("mass = 1, stiffness = 1e8", "conserving", false),
+    ] {
+        let texts = [4, 8].map(|n| block(n, ball, scheme, 1e-6, 1e-3));
+        let check = rebond::study::check(&scene(&texts[0])).unwrap();
+        let warns = check.warnings.iter().any(|said| said.contains("depends on the mesh: give the ball"));
+        let [coarse, fine] = texts.map(|text| speed(&text));
+        println!("{ball}: {coarse} and {fine} m/s");
+        assert_eq!([(coarse - fine).abs() > 0.02, warns], [is_light; 2], "{ball}: {coarse}, {fine} m/s");
+    }
 }
