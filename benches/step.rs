@@ -12,7 +12,7 @@ use faer::sparse::linalg::cholesky::{
 };
 use faer::sparse::{SparseColMat, Triplet};
 use faer::{Conj, MatMut, Par, Side, Spec};
-use rebond::linalg::{Engine, Factor, LinearCombination};
+use rebond::linalg::{Engine, LinearCombination};
 use rebond::scene::Scene;
 use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::{Model, Observer, Row};

@@ -14,6 +14,7 @@ mod products;
 mod patches;
 mod recovery;
 mod samples;
+mod site_blocks;
 mod sites;
 
 pub use beam::{BeamPiece, BeamStiffness, beams, line_in_cells};
@@ -31,7 +32,7 @@ use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::adaptive::Triangle;
 use crate::error::Result;
 use crate::linalg::vectors::{axpy, dot};
-use crate::linalg::{BARE, Bending, ElementMatrix, SingularMassCell};
+use crate::linalg::{Bending, CellClass, ElementMatrix, SingularMassCell};
 use crate::mesh::{Mesh, Point};
 use crate::plate::Sections;
 use std::collections::HashMap;
@@ -48,8 +49,8 @@ pub struct CellArrays {
     /// Factor of each local dof's value relative to its free dof, where not all are 1 (at supports
     /// with oblique axes).
     pub factors: Option<Rc<[f64]>>,
-    /// Number of the class of congruent cells.
-    pub class: usize,
+    /// Class of congruent cells.
+    pub class: CellClass,
     /// Arrays of the cell, over local dofs.
     pub local: Rc<Local>,
 }
@@ -82,10 +83,10 @@ impl CellArrays {
         (0..self.dofs.len()).map(|local| self.value(local, x)).collect()
     }
 
-    /// Returns a symmetric local matrix as a form over the free dofs, in a class of its own from
-    /// [`BARE`] on.
-    pub fn form(&self, matrix: &Rc<[f64]>, class: usize) -> ElementMatrix {
-        ElementMatrix { class, ..self.block(matrix, None) }
+    /// Returns a symmetric local matrix as a form over the free dofs, in a class of its own with
+    /// this number.
+    pub fn form(&self, matrix: &Rc<[f64]>, number: usize) -> ElementMatrix {
+        ElementMatrix { class: CellClass::Bare(number), ..self.block(matrix, None) }
     }
 
     /// Returns a local vector in terms of the free dofs, with their factors applied.
@@ -124,7 +125,7 @@ pub fn cells(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Ve
     let extent = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.x.abs()).max(p.y.abs()));
     // Positions that differ by a few roundings of the largest coordinate count as equal.
     let grain = 16.0 * f64::EPSILON * extent;
-    let mut classes: HashMap<Class, (usize, Rc<Local>)> = HashMap::new();
+    let mut classes: HashMap<Class, (CellClass, Rc<Local>)> = HashMap::new();
     let mut cells = Vec::with_capacity(mesh.cells.len());
     for (number, cell) in mesh.cells.iter().enumerate() {
         let nodes = cell.nodes();
@@ -146,7 +147,7 @@ pub fn cells(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Ve
             std::collections::hash_map::Entry::Occupied(known) => known.get().clone(),
             std::collections::hash_map::Entry::Vacant(new) => {
                 let local = local::arrays(mesh, number, sections)?;
-                let class = if factors.is_some() { BARE + count } else { count };
+                let class = if factors.is_some() { CellClass::Bare(count) } else { CellClass::Plate(count) };
                 new.insert((class, Rc::new(local))).clone()
             }
         };
@@ -221,9 +222,9 @@ pub fn add_point_mass(
 ) -> Result<()> {
     let classes = cells.len();
     let cell = &mut cells[number];
-    // The cell has no congruent ones any more; from `BARE` on it never had.
-    if cell.class < BARE {
-        cell.class = classes + number;
+    // The cell has no congruent ones any more; a bare one never had.
+    if let CellClass::Plate(class) = &mut cell.class {
+        *class = classes + number;
     }
     let values: Vec<f64> = mesh.element(number)?.basis_at(at).iter().map(|basis| basis.value).collect();
     let local = Rc::make_mut(&mut cell.local);

@@ -4,18 +4,15 @@
 //! set of weights.
 
 use super::samples::ClassSamples;
+use super::site_blocks::{NodeWeights, Stencil};
 use crate::dof_map::PER_NODE;
-use crate::kernels::wide::widest;
+use crate::linalg::CellClass;
 use nalgebra::{Matrix3, Vector3};
-use pulp::Arch;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 /// Curvatures (w_xx, w_xy, w_yy) at a site, as a sum over the dofs of this rank's cells: three
 /// weights per dof.
 pub type CurvatureRow = Vec<(usize, [f64; 3])>;
-
-/// Weights of the dofs of a node in the curvatures, the fourth of each padding.
-type NodeWeights = [[f64; 4]; PER_NODE];
 
 /// Cells around a site: the number of each cell and which of its corners the site is.
 pub(super) type Corners = Vec<(usize, usize)>;
@@ -33,7 +30,7 @@ pub(super) struct Patches {
 
 /// Identity of the weights of a fit: which fit, the sums of its least squares to the bit, the class
 /// and corner of each cell of the patch, and the number within the patch of each cell's nodes.
-type Key = (usize, [u64; 6], Vec<(usize, usize)>, Vec<usize>);
+type Key = (usize, [u64; 6], Vec<(CellClass, usize)>, Vec<usize>);
 
 /// Site with what its fits depend on.
 pub(super) struct SitePatch<'p> {
@@ -48,8 +45,8 @@ impl Patches {
     pub fn new<'p>(
         fits: &[(usize, usize)],
         sites: &[SitePatch],
-        cell: &dyn Fn(usize) -> (&'p [usize], usize),
-        samples: &HashMap<usize, ClassSamples>,
+        cell: &dyn Fn(usize) -> (&'p [usize], CellClass),
+        samples: &HashMap<CellClass, ClassSamples>,
     ) -> Patches {
         let mut patches = Patches { weights: Vec::new(), fits: Vec::new(), nodes: Vec::new() };
         let mut known: HashMap<Key, usize> = HashMap::new();
@@ -88,34 +85,27 @@ impl Patches {
         nodes.iter().zip(weights).flat_map(of_node).collect()
     }
 
-    /// Returns this rank's share of all fits for deflections and slopes at all nodes.
-    pub fn shares(&self, shape: &[f64]) -> Vec<[f64; 3]> {
-        let ((shape, _), mut shares) = (shape.as_chunks::<PER_NODE>(), vec![[0.0; 3]; self.fits.len()]);
-        widest(
-            Arch::new(),
-            #[inline(always)]
-            || {
-                for (fit, share) in shares.iter_mut().enumerate() {
-                    let (weights, nodes) = self.fit(fit);
-                    let mut sums = NodeWeights::default();
-                    for (weights, &node) in weights.iter().zip(nodes) {
-                        let values = &shape[node as usize];
-                        for k in 0..PER_NODE {
-                            for j in 0..4 {
-                                sums[k][j] += weights[k][j] * values[k];
-                            }
-                        }
-                    }
-                    *share = [0, 1, 2].map(|j| sums[0][j] + sums[1][j] + sums[2][j]);
-                }
-            },
-        );
-        shares
+    /// Returns the weights of the nodes in a sum of fits, each with a factor, relative to the node
+    /// of a site.
+    pub fn stencil(&self, node: usize, terms: &[(usize, f64)]) -> Stencil {
+        let mut stencil: BTreeMap<i32, NodeWeights> = BTreeMap::new();
+        for &(fit, factor) in terms {
+            let (weights, nodes) = self.fit(fit);
+            for (weights, &of) in weights.iter().zip(nodes) {
+                let sums = stencil.entry(of.wrapping_sub(node as u32) as i32).or_default();
+                let pairs = sums.as_flattened_mut().iter_mut().zip(weights.as_flattened());
+                pairs.for_each(|(sum, weight)| *sum += factor * weight);
+            }
+        }
+        stencil.into_iter().collect()
     }
 }
 
 /// Returns the nodes of a patch, each once, and the number among them of each node of each cell.
-fn nodes_of<'p>(corners: &Corners, cell: &dyn Fn(usize) -> (&'p [usize], usize)) -> (Vec<usize>, Vec<usize>) {
+fn nodes_of<'p>(
+    corners: &Corners,
+    cell: &dyn Fn(usize) -> (&'p [usize], CellClass),
+) -> (Vec<usize>, Vec<usize>) {
     let (mut nodes, mut places) = (Vec::new(), Vec::new());
     for &(number, _) in corners {
         for &node in cell(number).0 {
@@ -133,9 +123,9 @@ fn nodes_of<'p>(corners: &Corners, cell: &dyn Fn(usize) -> (&'p [usize], usize))
 /// class and corner of each cell and the number within the patch of each cell's nodes.
 fn weights_of(
     row: Vector3<f64>,
-    classes: &[(usize, usize)],
+    classes: &[(CellClass, usize)],
     places: &[usize],
-    samples: &HashMap<usize, ClassSamples>,
+    samples: &HashMap<CellClass, ClassSamples>,
 ) -> Vec<NodeWeights> {
     let count = places.iter().max().map_or(0, |most| most + 1);
     let mut weights = vec![NodeWeights::default(); count];

@@ -5,6 +5,7 @@ use crate::element::adaptive::Rules;
 use crate::element::quadrature::{self, Node};
 use crate::element::{Element, with_element};
 use crate::error::Result;
+use crate::linalg::CellClass;
 use crate::linalg::vectors::axpy;
 use crate::mesh::{Mesh, Point};
 use std::collections::HashMap;
@@ -43,7 +44,7 @@ impl Pressure {
         let bare = Mesh { nodes: mesh.nodes.clone(), cells: mesh.cells.clone(), ..bare };
         let mut pressure =
             Pressure { mesh: bare, points: Vec::new(), cells: Vec::with_capacity(cells.len()) };
-        let mut known: HashMap<usize, Rc<[f64]>> = HashMap::new();
+        let mut known: HashMap<CellClass, Rc<[f64]>> = HashMap::new();
         for (number, arrays) in cells.iter().enumerate() {
             let first = pressure.points.len();
             let element = mesh.element(number)?;

@@ -4,7 +4,7 @@ use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::BasisFunction;
 use crate::error::{Error, Result};
 use crate::geometry;
-use crate::linalg::{ElementMatrix, SingularMassCell};
+use crate::linalg::{CellClass, ElementMatrix, SingularMassCell};
 use crate::mesh::{Mesh, Point};
 use std::rc::Rc;
 
@@ -109,20 +109,21 @@ impl Probe {
     /// Returns the form k w w^T of a spring of stiffness k at the point, in N/m, or of a consistent
     /// mass k, in kg.
     ///
-    /// `class` must belong to this form alone and be at least [`BARE`](crate::linalg::BARE) plus
-    /// twice the number of cells; the classes below are taken.
-    pub fn spring(&self, k: f64, class: usize) -> ElementMatrix {
+    /// The number of its class must belong to this form alone, and be no less than the number of
+    /// cells.
+    pub fn spring(&self, k: f64, number: usize) -> ElementMatrix {
         let entries = self.weights.iter().flat_map(|(_, a)| self.weights.iter().map(move |(_, b)| k * a * b));
-        ElementMatrix { dofs: self.dofs(), matrix: entries.collect(), bending: None, class }
+        let (dofs, class) = (self.dofs(), CellClass::Bare(number));
+        ElementMatrix { dofs, matrix: entries.collect(), bending: None, class }
     }
 
     /// Returns one more row of B and entry of C, for the velocity of a mass of m kg at the point.
-    pub fn rider(&self, m: f64, class: usize) -> SingularMassCell {
+    pub fn rider(&self, m: f64, number: usize) -> SingularMassCell {
         SingularMassCell {
             dofs: self.dofs(),
             row: self.weights.iter().map(|(_, weight)| m * weight).collect(),
             mass: m,
-            class,
+            class: CellClass::Bare(number),
         }
     }
 

@@ -16,10 +16,12 @@ use super::CellArrays;
 use super::border::{self, SiteSums};
 use super::patches::{Corners, CurvatureRow, Patches, SitePatch};
 use super::samples::{ClassSamples, Sample, of_element};
+use super::site_blocks::StencilSums;
 use super::sites::{RecoverySite, sum_over_ranks};
 use crate::dof_map::PER_NODE;
 use crate::element::{Element, with_element};
 use crate::error::Result;
+use crate::linalg::CellClass;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use std::collections::{BTreeSet, HashMap};
@@ -41,6 +43,9 @@ pub struct Recovery {
     patches: Patches,
     /// Fits whose weighted sum is the curvature at each site.
     sums: SiteSums,
+    /// Sums over this rank's dofs: the fits where the mesh is divided among ranks, otherwise the
+    /// curvatures at the sites.
+    stencils: StencilSums,
 }
 
 impl Recovery {
@@ -56,7 +61,7 @@ impl Recovery {
         partition: &P,
     ) -> Result<Recovery> {
         let (sites, of_cells) = sites(mesh, part_of);
-        let mut samples: HashMap<usize, ClassSamples> = HashMap::new();
+        let mut samples: HashMap<CellClass, ClassSamples> = HashMap::new();
         for (number, cell) in cells.iter().enumerate() {
             if let std::collections::hash_map::Entry::Vacant(new) = samples.entry(cell.class) {
                 new.insert(with_element!(&mesh.element(number)?, element => of_element(element)));
@@ -89,7 +94,16 @@ impl Recovery {
         let of_sites: Vec<SitePatch> = corners.iter().zip(squares).map(patch).collect();
         let cell = |number: usize| (mesh.cells[number].nodes(), cells[number].class);
         let patches = Patches::new(&fits, &of_sites, &cell, &samples);
-        Ok(Recovery { sites, of_cells, parts, fits, patches, sums })
+        let stencil = |site: usize, terms: &[(usize, f64)]| {
+            let RecoverySite { node, .. } = sites[site];
+            (node, patches.stencil(node, terms))
+        };
+        let stencils = if P::DIVIDES {
+            StencilSums::new((0..fits.len()).map(|number| stencil(fits[number].0, &[(number, 1.0)])))
+        } else {
+            StencilSums::new((0..sites.len()).map(|site| stencil(site, sums.terms(site))))
+        };
+        Ok(Recovery { sites, of_cells, parts, fits, patches, sums, stencils })
     }
 
     /// Returns the sites.
@@ -113,27 +127,27 @@ impl Recovery {
     /// # Errors
     /// Returns the errors of communication.
     pub fn curvatures<P: Partition>(&self, shape: &[f64], partition: &P) -> Result<Vec<[f64; 3]>> {
-        let mut shares = self.patches.shares(shape);
-        if P::DIVIDES {
-            let mut of_sites = vec![[0.0; 9]; self.sites.len()];
-            for ((site, which), share) in self.fits.iter().zip(&shares) {
-                of_sites[*site][3 * which..][..3].copy_from_slice(share);
-            }
-            sum_over_ranks(&self.sites, self.parts, partition, &mut of_sites)?;
-            for ((site, which), share) in self.fits.iter().zip(&mut shares) {
-                share.copy_from_slice(&of_sites[*site][3 * which..][..3]);
-            }
+        let sums = self.stencils.compute(shape);
+        if P::DIVIDES { self.sum_fits(&sums, partition) } else { Ok(sums) }
+    }
+
+    /// Returns the curvatures at the sites from this rank's shares of the fits. Collective.
+    fn sum_fits<P: Partition>(&self, shares: &[[f64; 3]], partition: &P) -> Result<Vec<[f64; 3]>> {
+        let mut of_sites = vec![[0.0; 9]; self.sites.len()];
+        for ((site, which), share) in self.fits.iter().zip(shares) {
+            of_sites[*site][3 * which..][..3].copy_from_slice(share);
         }
+        sum_over_ranks(&self.sites, self.parts, partition, &mut of_sites)?;
         let sum = |site: usize| {
-            self.sums
-                .terms(site)
-                .iter()
-                .fold([0.0; 3], |sums, (fit, weight)| [0, 1, 2].map(|k| sums[k] + weight * shares[*fit][k]))
+            let mut sums = [0.0; 3];
+            for (fit, weight) in self.sums.terms(site) {
+                let (inner, which) = self.fits[*fit];
+                let fit = &of_sites[inner][3 * which..][..3];
+                sums.iter_mut().zip(fit).for_each(|(sum, value)| *sum += weight * value);
+            }
+            sums
         };
         let own: Vec<[f64; 3]> = (0..self.sites.len()).map(sum).collect();
-        if !P::DIVIDES {
-            return Ok(own);
-        }
         let mut shared = own.clone();
         let is_own = |site: usize| !self.sums.is_shared(site);
         (0..shared.len()).filter(|&site| is_own(site)).for_each(|site| shared[site] = [0.0; 3]);

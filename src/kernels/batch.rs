@@ -2,7 +2,7 @@
 //!
 //! A batch gathers its local dofs from vectors in layout order.
 
-use super::BARE;
+use super::CellClass;
 use super::lane_mask::LaneMask;
 use super::lane_values::{LANES, Lanes};
 use super::layout::Layout;
@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::rc::Rc;
 
 /// Cell of a form: its free dofs and its class. Cells of one class have the same local values.
-pub(crate) type Cell = (Rc<[Option<usize>]>, usize);
+pub(crate) type Cell = (Rc<[Option<usize>]>, CellClass);
 
 /// Smallest number of cells for which a row is worth its unused lanes.
 const LEAST_ROW: usize = 2;
@@ -198,16 +198,16 @@ impl Batches {
     pub fn new(layout: &Layout, cells: Vec<Cell>) -> Batches {
         let width = cells.iter().map(|(dofs, _)| dofs.len()).max().unwrap_or(0);
         let mut batches = Batches { cells, list: Vec::new(), panels: Vec::new(), width };
-        let mut classes: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+        let mut classes: BTreeMap<(usize, CellClass), Vec<usize>> = BTreeMap::new();
         for (number, (dofs, class)) in batches.cells.iter().enumerate() {
             classes.entry((dofs.len(), *class)).or_default().push(number);
         }
         let mut left: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
-        for ((size, number), mut class) in classes {
+        for ((size, kind), mut class) in classes {
             batches.sort_along_lines(layout, &mut class);
             let (rows, loose) = batches.rows(layout, &class);
             let whole = loose.chunks_exact(LANES);
-            left.entry((size, number >= BARE)).or_default().extend(whole.remainder());
+            left.entry((size, matches!(kind, CellClass::Bare(_)))).or_default().extend(whole.remainder());
             if rows.is_empty() && whole.len() == 0 {
                 continue;
             }
@@ -232,8 +232,8 @@ impl Batches {
         batches
     }
 
-    /// Calls a product with each batch and its number of dofs. The compiler unrolls the loops of the
-    /// product for the numbers of dofs that plate elements have.
+    /// Calls a product with each batch and its number of dofs. The compiler unrolls the loops of
+    /// the product for the numbers of dofs that plate elements have.
     #[inline(always)]
     pub fn for_each(&self, mut product: impl FnMut(&Batch, usize)) {
         for batch in &self.list {

@@ -111,8 +111,8 @@ impl Line {
 }
 
 impl Run {
-    /// Returns the longest run that begins with a dof, given the positions of all dofs; `None` if it
-    /// fills no vector register.
+    /// Returns the longest run that begins with a dof, given the positions of all dofs; `None` if
+    /// it fills no vector register.
     fn at(dof: usize, places: &[u32]) -> Option<Run> {
         let place = places[dof];
         let count = (place..).zip(&places[dof..]).take_while(|(next, place)| next == *place).count();
@@ -244,8 +244,8 @@ fn by_node<const NODES: usize>(kinds: [[f64; NODES]; 3]) -> [[f64; 3]; NODES] {
 mod tests {
     use super::*;
 
-    /// Dofs come back as they were, from the positions that the layout gives them: lines of nodes, a
-    /// run, and dofs between supports.
+    /// Dofs come back as they were, from the positions that the layout gives them: lines of nodes,
+    /// a run, and dofs between supports.
     #[test]
     fn vectors_come_back_from_layout_order() {
         let dofs = |nodes: Range<usize>, first: usize| {

@@ -26,9 +26,14 @@ pub use singular_mass::SingularMassCells;
 
 use std::rc::Rc;
 
-/// First class number of the cells without [`ElementMatrix::bending`]: springs, foundations, and
-/// cells at supports with oblique axes.
-pub const BARE: usize = 1 << 40;
+/// Class of congruent cells, by its number: they have the same local values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum CellClass {
+    /// Cells of a plate. In one form, either all of these have [`ElementMatrix::bending`] or none.
+    Plate(usize),
+    /// Cells without: springs, foundations, and cells at supports with oblique axes.
+    Bare(usize),
+}
 
 /// Contribution of one cell to a symmetric form.
 #[derive(Debug, Clone, PartialEq)]
@@ -38,10 +43,9 @@ pub struct ElementMatrix {
     /// Local matrix, symmetric, n x n, row by row.
     pub matrix: Rc<[f64]>,
     /// Factored representation of a form that vanishes on rigid motions; `None` to apply `matrix`.
-    /// In one form, either all classes below [`BARE`] have it or none has.
     pub bending: Option<Rc<Bending>>,
     /// Class of congruent cells, which share `matrix` and `bending`.
-    pub class: usize,
+    pub class: CellClass,
 }
 
 /// Local form that vanishes on rigid motions, for three dofs (w, w_x, w_y) per node, written as the
@@ -69,5 +73,5 @@ pub struct SingularMassCell {
     /// Entry of C, the mass of the cell, in kg.
     pub mass: f64,
     /// Class of congruent cells, which share `row` and `mass`.
-    pub class: usize,
+    pub class: CellClass,
 }

@@ -8,12 +8,13 @@ use std::ops::{Add, Mul};
 /// Terms keep the order in which they are added; the weights of equal forms add up.
 ///
 /// ```
-/// use rebond::linalg::{ElementMatrix, Engine, Native};
+/// use rebond::linalg::{CellClass, ElementMatrix, Engine, Native};
 ///
 /// let engine = Native::new(1);
 /// let form = |entry: f64| {
 ///     let (dofs, matrix) = ([Some(0)].into(), [entry].into());
-///     engine.form(vec![ElementMatrix { dofs, matrix, bending: None, class: 0 }])
+///     let class = CellClass::Plate(0);
+///     engine.form(vec![ElementMatrix { dofs, matrix, bending: None, class }])
 /// };
 /// let (m, k) = (&form(2.0), &form(50.0));
 /// let d = m * 3.0 + k * 0.1;

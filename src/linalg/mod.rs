@@ -26,7 +26,7 @@ mod native;
 pub mod vectors;
 
 pub use crate::kernels::{
-    BARE, Bending, CellForm, ElementMatrix, Layout, SingularMassCell, SingularMassCells,
+    Bending, CellClass, CellForm, ElementMatrix, Layout, SingularMassCell, SingularMassCells,
 };
 pub use cholesky::Cholesky;
 pub use combination::LinearCombination;
@@ -159,8 +159,8 @@ pub trait Engine: Sized {
     ) -> Result<()>;
 
     /// Computes the products A x for a sum of forms and `part` x for one of them, in one pass over
-    /// the cells. Returns `false`, and changes nothing, where the engine has no such product, which is
-    /// the default.
+    /// the cells. Returns `false`, and changes nothing, where the engine has no such product, which
+    /// is the default.
     ///
     /// # Errors
     /// Returns the errors of the engine.

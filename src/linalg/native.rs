@@ -174,7 +174,7 @@ struct Pass<'a> {
     space: Space<'a>,
 }
 
-/// What a pass over the cells computes.
+/// Result of a pass over the cells.
 enum CellProduct<'a> {
     /// Product y = A x, with the value x^T A x.
     Whole(&'a Form, &'a [f64], &'a mut [f64]),

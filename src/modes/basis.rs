@@ -413,7 +413,7 @@ mod tests {
                 dofs: [Some(dof)].into(),
                 matrix: [entry(dof)].into(),
                 bending: None,
-                class: dof,
+                class: crate::linalg::CellClass::Plate(dof),
             };
             engine.form((0..2 * HALF).map(cell).collect())
         };

@@ -117,7 +117,7 @@ fn key<E: Engine>(engine: &E, forms: [&Form; 2], range: ModeRange, mechanism: bo
 fn add_cells(hash: &mut LongHash, blocks: &[ElementMatrix]) {
     let mut classes = HashSet::new();
     for ElementMatrix { dofs, matrix, bending, class } in blocks {
-        hash.add(format!("{dofs:?} {class};").as_bytes());
+        hash.add(format!("{dofs:?} {class:?};").as_bytes());
         if !classes.insert((dofs.len(), *class)) {
             continue;
         }
@@ -142,7 +142,7 @@ mod tests {
                 dofs: [Some(dof)].into(),
                 matrix: [entry(dof)].into(),
                 bending: None,
-                class: dof,
+                class: crate::linalg::CellClass::Plate(dof),
             };
             engine.form((0..stiffness.len()).map(cell).collect())
         };

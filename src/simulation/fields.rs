@@ -14,7 +14,7 @@ use crate::assembly::{self, CellArrays};
 use crate::communicator::Communicator;
 use crate::element::{AnyElement, BasisFunction};
 use crate::error::Result;
-use crate::linalg::Engine;
+use crate::linalg::{CellClass, Engine};
 use crate::mesh::{Cell, Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::Sections;
@@ -74,7 +74,7 @@ pub struct Fields {
     cells: Vec<CellArrays>,
     motion: Rc<NodalMotion>,
     /// Basis functions at the points, by class of congruent cells.
-    tables: HashMap<usize, Vec<Rows>>,
+    tables: HashMap<CellClass, Vec<Rows>>,
     /// Dof of the deflection of each node.
     deflections: Vec<Option<usize>>,
     /// Dof and node of the tips of compliant stops.
@@ -118,7 +118,7 @@ impl Fields {
             Lattice { points: mesh.nodes.iter().map(|p| [p.x, p.y]).collect(), ..Lattice::default() };
         let mut samples = vec![None; mesh.nodes.len()];
         let mut edges: HashMap<([usize; 2], usize), usize> = HashMap::new();
-        let mut tables: HashMap<usize, Vec<Rows>> = HashMap::new();
+        let mut tables: HashMap<CellClass, Vec<Rows>> = HashMap::new();
         for (number, cell) in mesh.cells.iter().enumerate() {
             let vertices = mesh.vertices(number);
             let (corners, small) = subdivided(cell, &vertices, parts);

@@ -7,7 +7,7 @@ use crate::common::models::{PAPER_SECTION, literal, unit_plate};
 use crate::common::plates::{Fvs, Hct, Matrices, Right, all_round};
 use rebond::assembly;
 use rebond::dof_map::Support;
-use rebond::linalg::{Engine, Factor};
+use rebond::linalg::Engine;
 use rebond::mesh::{Mesh, Point};
 use rebond::scene::{Mass, Scene};
 use rebond::simulation;

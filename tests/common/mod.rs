@@ -11,7 +11,7 @@ pub mod plates;
 pub mod ranks;
 pub mod scenes;
 
-use rebond::linalg::{ElementMatrix, Engine, Form, Native};
+use rebond::linalg::{CellClass, ElementMatrix, Engine, Form, Native};
 use rebond::random::SplitMix64;
 use rebond::scheme::System;
 
@@ -51,7 +51,7 @@ impl Random {
 /// Returns an element matrix that is applied unchanged; `None` in `dofs` holds a dof at zero.
 pub fn block(dofs: &[Option<usize>], matrix: &[f64], class: usize) -> ElementMatrix {
     assert_eq!(matrix.len(), dofs.len() * dofs.len());
-    ElementMatrix { dofs: dofs.into(), matrix: matrix.into(), bending: None, class }
+    ElementMatrix { dofs: dofs.into(), matrix: matrix.into(), bending: None, class: CellClass::Plate(class) }
 }
 
 /// Returns a dense matrix, stored by rows, as a form of one element matrix.

@@ -9,7 +9,7 @@ use rebond::assembly;
 use rebond::communicator::Communicator;
 use rebond::distributed::{Distributed, Part};
 use rebond::dof_map::{DofMap, PER_NODE, Place, Support};
-use rebond::linalg::{Engine, Factor, Form};
+use rebond::linalg::{Engine, Form};
 use rebond::mesh::{Cell, Mesh, Point};
 use rebond::modes::{self, ModeRange, lowest_basis};
 use rebond::obstacle::Bounds;

@@ -4,7 +4,7 @@ use crate::common::models::{CLAMPED, UNIT};
 use crate::common::plates::{Alternating, Fvs, Hct, Matrices, Right, all_round, close};
 use crate::common::scenes::{self, STILL, grid};
 use rebond::dof_map::Support;
-use rebond::linalg::{ElementMatrix, Form, Native, SingularMassCell};
+use rebond::linalg::{CellClass, ElementMatrix, Form, Native, SingularMassCell};
 use rebond::study::infsup::{self, InfSup};
 use std::rc::Rc;
 
@@ -51,8 +51,18 @@ fn bar(cells: usize, degree: usize) -> (usize, Form, Form) {
     let dofs_of = |cell: usize| -> Rc<[Option<usize>]> {
         (0..=degree).map(|i| Some(degree * cell + i).filter(|&dof| dof < dofs)).collect()
     };
-    let block = |cell| ElementMatrix { dofs: dofs_of(cell), matrix: matrix.clone(), bending: None, class: 0 };
-    let average = |cell| SingularMassCell { dofs: dofs_of(cell), row: row.clone(), mass: h, class: 0 };
+    let block = |cell| ElementMatrix {
+        dofs: dofs_of(cell),
+        matrix: matrix.clone(),
+        bending: None,
+        class: CellClass::Plate(0),
+    };
+    let average = |cell| SingularMassCell {
+        dofs: dofs_of(cell),
+        row: row.clone(),
+        mass: h,
+        class: CellClass::Plate(0),
+    };
     let stiffness = engine.form((0..cells).map(block).collect());
     let mass = engine.averages((0..cells).map(average).collect());
     (dofs, stiffness, mass)

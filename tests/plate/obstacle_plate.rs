@@ -15,7 +15,7 @@
 use crate::common::models::unit_plate;
 use nalgebra::SVector;
 use rebond::element::{Element, fvs, hct, quadrature};
-use rebond::linalg::{Bending, ElementMatrix, Engine, Native};
+use rebond::linalg::{Bending, CellClass, ElementMatrix, Engine, Native};
 use rebond::mesh::{Cell, Diagonal, ElementKind, Mesh, Point};
 use rebond::obstacle::Bounds;
 use rebond::plate::{Plate, stiffness_root};
@@ -99,7 +99,12 @@ fn stiffness<const N: usize>(
     let bending =
         Bending { arms: nodes[1..].iter().map(arm).collect(), root: root.transpose().as_slice().into() };
     let dofs = nodes.iter().flat_map(|&node| free[3 * node..3 * node + 3].to_vec()).collect();
-    ElementMatrix { dofs, matrix: matrix.as_slice().into(), bending: Some(bending.into()), class }
+    ElementMatrix {
+        dofs,
+        matrix: matrix.as_slice().into(),
+        bending: Some(bending.into()),
+        class: CellClass::Plate(class),
+    }
 }
 
 /// Returns the square of the true error on a cell, each piece of which is cut in four.

@@ -3,7 +3,7 @@
 
 use crate::common::block;
 use crate::common::models::PAPER_START;
-use rebond::linalg::{Engine, Factor, Native, SingularMassCell};
+use rebond::linalg::{CellClass, Engine, Native, SingularMassCell};
 use rebond::modes::{self, Mode};
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
@@ -25,7 +25,12 @@ fn by_mass(mass: f64) -> Damping {
 /// Returns a ball on a spring of stiffness k, under gravity.
 fn oscillator(k: f64, alpha: f64) -> System<Native> {
     let engine = Native::new(1);
-    let average = SingularMassCell { dofs: [Some(0)].into(), row: [MASS].into(), mass: MASS, class: 0 };
+    let average = SingularMassCell {
+        dofs: [Some(0)].into(),
+        row: [MASS].into(),
+        mass: MASS,
+        class: CellClass::Plate(0),
+    };
     System {
         stiffness: engine.form(vec![block(&[Some(0)], &[k], 0)]),
         mass: engine.averages(vec![average]),
@@ -114,7 +119,12 @@ fn the_exact_scheme_has_the_closed_forms_of_one_mode() {
 /// Returns a ball on a massless tip with a spring between them, above a floor: dofs (tip, ball).
 fn bouncer(alpha: f64) -> System<Native> {
     let engine = Native::new(2);
-    let average = SingularMassCell { dofs: [Some(1)].into(), row: [MASS].into(), mass: MASS, class: 0 };
+    let average = SingularMassCell {
+        dofs: [Some(1)].into(),
+        row: [MASS].into(),
+        mass: MASS,
+        class: CellClass::Plate(0),
+    };
     System {
         stiffness: engine.form(vec![block(&[Some(0), Some(1)], &[K, -K, -K, K], 0)]),
         mass: engine.averages(vec![average]),

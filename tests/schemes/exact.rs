@@ -3,7 +3,7 @@
 use crate::common::models::{PAPER_FALL, PAPER_PLATE, literal};
 use crate::common::{Random, block, lift, scenes};
 use rebond::Error;
-use rebond::linalg::{Native, SingularMassCell};
+use rebond::linalg::{CellClass, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scene::{self, FieldInput, Mass, Scene};
 use rebond::scheme::{
@@ -246,7 +246,7 @@ fn balls_on_springs(k: f64, count: usize, gravity: f64, lower: f64, upper: f64) 
         dofs: [Some(2 * k + 1)].into(),
         row: [MASS].into(),
         mass: MASS,
-        class: 0,
+        class: CellClass::Plate(0),
     };
     let mass = engine.averages((0..count).map(average).collect());
     let load = (0..count).flat_map(|_| [0.0, -MASS * gravity]).collect();
@@ -530,8 +530,12 @@ fn without_the_inf_sup_condition_there_is_nothing_to_follow() {
     let engine = Native::new(cells);
     let dofs = |cell: usize| [cell, cell + 1].map(|d| (d < cells).then_some(d));
     let stiffness = engine.form((0..cells).map(|c| block(&dofs(c), &[4.0, -4.0, -4.0, 4.0], 0)).collect());
-    let average =
-        |c| SingularMassCell { dofs: dofs(c).into(), row: [0.125, 0.125].into(), mass: 0.25, class: 0 };
+    let average = |c| SingularMassCell {
+        dofs: dofs(c).into(),
+        row: [0.125, 0.125].into(),
+        mass: 0.25,
+        class: CellClass::Plate(0),
+    };
     let mass = engine.averages((0..cells).map(average).collect());
     let bounds = Bounds::uniform(vec![0], 0.0, f64::INFINITY);
     let at_rest = Start { displacement: vec![0.5; cells], velocity: vec![0.0; cells] };

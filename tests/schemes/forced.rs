@@ -2,7 +2,7 @@
 
 use crate::common::models::PAPER_START;
 use crate::common::{block, largest};
-use rebond::linalg::{Engine, Native, SingularMassCell};
+use rebond::linalg::{CellClass, Engine, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
 use rebond::scheme::{
@@ -25,7 +25,7 @@ fn oscillator(damping: Damping, frequency: f64) -> System<Native> {
         dofs: [Some(0)].into(),
         row: [MASS].into(),
         mass: MASS,
-        class: 0,
+        class: CellClass::Plate(0),
     }]);
     let load = move |time: f64, load: &mut [f64]| {
         load[0] += FORCE * (frequency * time).sin();

@@ -15,7 +15,7 @@
 //! the step alone.
 
 use crate::common::block;
-use rebond::linalg::{Native, SingularMassCell};
+use rebond::linalg::{CellClass, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
     Conserving, Damping, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
@@ -48,7 +48,12 @@ fn bar(cells: usize) -> System<Native> {
     let row: std::rc::Rc<[f64]> = [h / 6.0, 4.0 * h / 6.0, h / 6.0].into();
     let mass = engine.averages(
         (0..cells)
-            .map(|cell| SingularMassCell { dofs: dofs(cell).into(), row: row.clone(), mass: h, class: 0 })
+            .map(|cell| SingularMassCell {
+                dofs: dofs(cell).into(),
+                row: row.clone(),
+                mass: h,
+                class: CellClass::Plate(0),
+            })
             .collect(),
     );
     System {

@@ -4,7 +4,7 @@
 use crate::common::block;
 use crate::common::models::{PAPER_START, UNIT};
 use crate::common::scenes::{close, grid, run, run_to_end};
-use rebond::linalg::{Native, SingularMassCell};
+use rebond::linalg::{CellClass, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
     Conserving, Damping, Exact, LoadTerm, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start,
@@ -27,8 +27,12 @@ impl OneMass {
         let engine = Native::new(2);
         let between = |k: f64, class| block(&[Some(0), Some(1)], &[k, -k, -k, k], class);
         let stiffness = engine.form(vec![block(&[Some(0)], &[self.spring], 0), between(self.stop, 1)]);
-        let row =
-            SingularMassCell { dofs: [Some(0)].into(), row: [self.mass].into(), mass: self.mass, class: 0 };
+        let row = SingularMassCell {
+            dofs: [Some(0)].into(),
+            row: [self.mass].into(),
+            mass: self.mass,
+            class: CellClass::Plate(0),
+        };
         let mass = match is_singular {
             true => engine.averages(vec![row]),
             false => engine.form(vec![block(&[Some(0)], &[self.mass], 0)]),

@@ -9,7 +9,7 @@
 
 use crate::common::{Random, block, difference, largest, multiply, random_spd, solve_dense, submatrix};
 use rebond::Error;
-use rebond::linalg::{Engine, Factor, Form, Native, SingularMassCell};
+use rebond::linalg::{CellClass, Engine, Form, Native, SingularMassCell};
 
 /// Tolerance of all comparisons. Condition numbers stay below 1e4, so 1e-11 allows for three digits
 /// of rounding and detects a wrong entry.
@@ -163,7 +163,7 @@ fn sums_of_forms_and_averages_are_factored_as_they_are_applied() {
             }
         }
         let dofs = dofs.into_iter().map(Some).chain([None]).collect();
-        rows.push(SingularMassCell { dofs, row: row.into(), mass, class });
+        rows.push(SingularMassCell { dofs, row: row.into(), mass, class: CellClass::Plate(class) });
     }
     let mass = engine.averages(rows);
     let sum = &stiffness * 0.3 + &mass * 7.0;

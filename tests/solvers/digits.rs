@@ -1,7 +1,7 @@
 //! Digits added to the factor, where corrections have cost more than they do.
 
 use rebond::archive::Archive;
-use rebond::linalg::{Engine, Factor};
+use rebond::linalg::Engine;
 use rebond::scene::Scene;
 use rebond::scheme::{Conserving, Newmark, NewmarkParameters, Scheme};
 use rebond::simulation::Model;

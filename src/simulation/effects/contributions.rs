@@ -10,7 +10,7 @@
 use crate::assembly::{CellMatrix, Probe};
 use crate::communicator::Communicator;
 use crate::dof_map::NodeConstraint;
-use crate::linalg::{BARE, ElementMatrix};
+use crate::linalg::ElementMatrix;
 use crate::mesh::Point;
 use crate::scene::FieldInput;
 use std::collections::HashMap;
@@ -147,6 +147,6 @@ impl Contributions {
     pub fn dashpots(&self, beta: f64, comm: &impl Communicator) -> Option<Vec<ElementMatrix>> {
         let is_damped = |link: &Link| link.damping > 0.0 || beta > 0.0;
         comm.all_reduce_any(self.links.iter().any(is_damped))
-            .then(|| self.linked(|link| link.damping - beta * link.stiffness, BARE).collect())
+            .then(|| self.linked(|link| link.damping - beta * link.stiffness, 0).collect())
     }
 }

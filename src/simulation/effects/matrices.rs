@@ -4,7 +4,7 @@ use super::contributions::PointTerm;
 use super::ground::BuildContext;
 use crate::assembly;
 use crate::error::Result;
-use crate::linalg::{BARE, ElementMatrix, SingularMassCell};
+use crate::linalg::{ElementMatrix, SingularMassCell};
 use crate::partition::Partition;
 use crate::scene::Mass;
 
@@ -13,12 +13,12 @@ impl<P: Partition> BuildContext<'_, P> {
     pub(super) fn stiffness(&self) -> Vec<ElementMatrix> {
         let mut blocks = assembly::stiffness(&self.cells);
         for term in &self.terms.stiffness {
-            blocks.push(self.cells[term.cell].form(&term.matrix, BARE + blocks.len()));
+            blocks.push(self.cells[term.cell].form(&term.matrix, blocks.len()));
         }
         for PointTerm { amount, spot, .. } in &self.terms.springs {
-            blocks.push(spot.free.spring(*amount, BARE + blocks.len()));
+            blocks.push(spot.free.spring(*amount, blocks.len()));
         }
-        blocks.extend(self.terms.linked(|link| link.stiffness, BARE + blocks.len()));
+        blocks.extend(self.terms.linked(|link| link.stiffness, blocks.len()));
         blocks
     }
 
@@ -26,7 +26,7 @@ impl<P: Partition> BuildContext<'_, P> {
     pub(super) fn consistent_mass(&self) -> Vec<ElementMatrix> {
         let mut blocks = assembly::consistent_mass(&self.cells);
         for PointTerm { amount, spot, .. } in self.terms.masses() {
-            blocks.push(spot.free.spring(*amount, BARE + blocks.len()));
+            blocks.push(spot.free.spring(*amount, blocks.len()));
         }
         blocks
     }
@@ -35,7 +35,7 @@ impl<P: Partition> BuildContext<'_, P> {
     pub(super) fn singular_mass(&self) -> Vec<SingularMassCell> {
         let mut rows = assembly::singular_mass(&self.cells);
         for PointTerm { amount, spot, .. } in self.terms.masses() {
-            rows.push(spot.free.rider(*amount, BARE + rows.len()));
+            rows.push(spot.free.rider(*amount, rows.len()));
         }
         rows
     }

@@ -4,7 +4,7 @@ use super::ground::BuildContext;
 use super::of_cells::OfCells;
 use crate::assembly::Probe;
 use crate::error::Result;
-use crate::linalg::{BARE, Form};
+use crate::linalg::Form;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
 use crate::scheme::{self, System};
@@ -32,7 +32,7 @@ impl<P: Partition> BuildContext<'_, P> {
         }
         let mut blocks = self.stiffness();
         for body in &self.terms.bodies {
-            blocks.push(Probe::default().with(body.gap, 1.0).spring(1.0, BARE + blocks.len()));
+            blocks.push(Probe::default().with(body.gap, 1.0).spring(1.0, blocks.len()));
         }
         Cow::Owned(system.engine.native().form(blocks))
     }
