@@ -1,8 +1,8 @@
 //! Cost of effects: the time of a step with each effect, compared with that of the bare plate.
 //! Effects that a scene does not have must cost nothing.
 //!
-//! All scenes take turns; the median over the turns of the time relative to the bare plate's counts.
-//! Set-up, output and PETSc are not covered.
+//! All scenes take turns; the median over the turns of the time relative to that of the bare plate
+//! counts. Set-up, output and PETSc are not covered.
 
 use rebond::linalg::Engine;
 use rebond::scene::Scene;

@@ -17,7 +17,7 @@ const WATCH: Duration = Duration::from_secs(3);
 /// Instant of the evaluations, in s.
 const TIME: f64 = 0.01;
 
-/// Returns the evaluation of values and of their time derivatives, and the compilation, of a formula.
+/// Returns the parts of a formula: its values, their time derivatives, and its compilation.
 fn parts<'p>(text: &'p str, points: &'p [Point]) -> [Part<'p>; 3] {
     let field = Field::parse(text, Names::XYT).expect("a formula");
     let (same, mut values) = (field.clone(), vec![0.0; POINTS]);

@@ -1,9 +1,9 @@
 //! Cost of a step and of its parts, for the paper's plate with Newmark's scheme and the singular
 //! mass, beside a solve by faer alone.
 //!
-//! `cargo bench --bench step -- [WORDS]` prints a row for each part on each mesh whose name contains
-//! one of the words: the median time over many turns, its quartiles, and the median ratio to the
-//! program's own solve. The last rows are mean steps of the modal mass, over a flight and an impact.
+//! `cargo bench --bench step -- [WORDS]` prints a row for each part on each mesh whose name has one
+//! of the words: the median time over many turns, its quartiles, and the median ratio to the
+//! program's own solve. The last rows are mean steps of the modal mass, over flight and impact.
 
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt::factor::LltRegularization;
@@ -39,8 +39,8 @@ const MESHES: [&str; 8] = [
 
 const PARAMETERS: NewmarkParameters = NewmarkParameters { beta: 0.5, restitution: 0.0, step: 1e-4 };
 
-/// Number of times that a mesh is set up, and the time for the turns of each. Every set-up has other
-/// addresses in memory, and the caches serve some of them better.
+/// Number of times that a mesh is set up, and the time for the turns of each. Every set-up has
+/// other addresses in memory, and the caches serve some of them better.
 const SET_UPS: u32 = 3;
 const WATCH: Duration = Duration::from_secs(4);
 

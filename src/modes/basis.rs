@@ -200,11 +200,11 @@ fn ritz_vectors<E: Engine>(
 ) -> Result<(Mat<f64>, bool)> {
     let mut look = modes.squares.len() + range.first_look();
     let expected = look + look / 4;
-    let mut known = (modes.shapes.clone(), modes.squares.clone());
+    let mut locked = (modes.shapes.clone(), modes.squares.clone());
     let begin = |inverse: &mut ShiftedInverse<E>, (shapes, squares): &(Mat<f64>, Vec<f64>)| {
         Krylov::new(inverse, shapes, squares, start.clone(), expected)
     };
-    let mut space = begin(inverse, &known)?;
+    let mut space = begin(inverse, &locked)?;
     loop {
         while space.size() < look && !space.is_exhausted() {
             space.expand(inverse)?;
@@ -212,7 +212,7 @@ fn ritz_vectors<E: Engine>(
         let pairs = space.ritz_pairs(inverse)?;
         let wanted = (range.wanted(&pairs.squares) + GUARDS).min(pairs.squares.len());
         if inverse.adapt(wanted.checked_sub(1).map_or(0.0, |last| pairs.squares[last]))? {
-            space = begin(inverse, &known)?;
+            space = begin(inverse, &locked)?;
             continue;
         }
         if space.is_exhausted() || pairs.converged >= range.wanted(&pairs.squares) + GUARDS {
@@ -221,9 +221,9 @@ fn ritz_vectors<E: Engine>(
         }
         if let Some(below) = inverse.approach(&pairs.squares[..wanted], pairs.converged)? {
             if below > 0 {
-                known = (space.vectors(&pairs, below), pairs.squares[..below].to_vec());
+                locked = (space.vectors(&pairs, below), pairs.squares[..below].to_vec());
             }
-            space = begin(inverse, &known)?;
+            space = begin(inverse, &locked)?;
             continue;
         }
         look = (space.size() as f64 * GROWTH) as usize + BLOCK;

@@ -28,7 +28,8 @@ const BACK: f64 = 10.0;
 /// Operator (K + s M)^-1. On what is orthogonal to the modes below -s it is positive definite.
 ///
 /// Where K belongs to a mechanism, s is positive. Where the wanted modes, but for the lowest ones,
-/// are a cluster, s is negative, and -s lies below the cluster by about its spread. Elsewhere s = 0.
+/// are a cluster, s is negative, and -s lies below the cluster by about its spread. Elsewhere s is
+/// 0.
 pub(super) struct ShiftedInverse<'e, E: Engine> {
     pub engine: &'e E,
     pub stiffness: &'e Form,
@@ -90,9 +91,9 @@ impl<'e, E: Engine> ShiftedInverse<'e, E> {
     }
 
     /// Factors again with the shift just below a cluster among the wanted eigenvalues, given in
-    /// ascending order, so that the inverse tells its modes apart like those of a plate without bed.
-    /// The modes below the cluster, at most as many as in it, must be among the `converged` first. Returns their number
-    /// if it did. Collective.
+    /// ascending order, so that the inverse tells its modes apart like those of a plate without a
+    /// bed. The modes below the cluster, at most as many as in it, must be among the first ones,
+    /// which have `converged`. Returns their number if it did. Collective.
     ///
     /// The inertia proves that no other eigenvalue lies below the shift, on engines that count.
     pub fn approach(&mut self, wanted: &[f64], converged: usize) -> Result<Option<usize>> {

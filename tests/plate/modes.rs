@@ -144,8 +144,8 @@ fn a_soft_sheet_on_a_stiff_bed_has_the_modes_of_the_free_sheet_above_those_of_th
 }
 
 /// Whatever lies below the modes of a sheet on a stiff bed, these are found: the rigid motion of a
-/// ball, the motions of a ball on its stop, of a heavy mass or of a rib. `check` has its frequencies
-/// wherever the scene runs.
+/// ball, the motions of a heavy mass or of a rib. `check` has its frequencies wherever the scene
+/// runs.
 #[test]
 fn what_is_heavy_on_a_stiff_bed_hides_no_modes_of_the_sheet() {
     let bed = (1e9_f64 / (1000.0 * 5e-3)).sqrt() / std::f64::consts::TAU;
