@@ -86,7 +86,7 @@ impl Ksp {
     }
 
     /// Returns whether the user asks for a preconditioner that needs the matrix of the cells of
-    /// each rank by itself, [`Matrix::of_subdomains`].
+    /// each rank by itself, a matrix of subdomains.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
