@@ -102,8 +102,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let next: Vec<f64> = u_n.iter().zip(self.increments()).map(|(u, [_, e])| u + e).collect();
         let mut product = vec![0.0; next.len()];
         let kinetic = engine.multiply(mass, &rate, &mut product)?;
-        let elastic =
-            engine.multiply(stiffness, &next, &mut product)? + 2.0 * force.elastic_energy(system, u_n)?;
+        let elastic = engine.multiply(stiffness, &next, &mut product)?
+            + 2.0 * force.elastic_energy(system, u_n, &mut product)?;
         let work = system.work(u_n)? + system.work(&next)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment);
         let stored = 0.5 * (parameters.stored_now(self.levels.stored) + self.levels.stored[1]);
@@ -152,8 +152,8 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity.
     fn energies(&self) -> Result<Energies> {
         let Levels { system, parameters, u_n, force, stored, instants, .. } = &self.levels;
-        let elastic = force.elastic_energy(system, u_n)?;
         let [rate, v] = &mut *self.work.borrow_mut();
+        let elastic = force.elastic_energy(system, u_n, rate)?;
         rate.iter_mut().zip(self.central_velocity()).for_each(|(rate, now)| *rate = now);
         let kinetic = system.kinetic_energy(rate, v)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work);

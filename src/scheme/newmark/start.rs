@@ -39,7 +39,7 @@ impl<E: Engine> Levels<'_, E> {
     pub fn energy_at_start(&self, v0: &[f64]) -> Result<f64> {
         let mut v = vec![0.0; self.system.engine.velocities(&self.system.mass)];
         let kinetic = self.system.kinetic_energy(v0, &mut v)?;
-        Ok(kinetic + self.force.elastic_energy(self.system, &self.u_n)?)
+        Ok(kinetic + self.force.elastic_energy(self.system, &self.u_n, &mut vec![0.0; self.u_n.len()])?)
     }
 }
 

@@ -92,10 +92,14 @@ impl StiffnessForce {
         Ok(())
     }
 
-    /// Returns the elastic energy of `$U^n$`, in J. Collective.
-    pub fn elastic_energy<E: Engine>(&self, system: &System<E>, u_n: &[f64]) -> Result<f64> {
-        let computed =
-            || Ok(0.5 * system.engine.multiply(&system.stiffness, u_n, &mut vec![0.0; u_n.len()])?);
+    /// Returns the elastic energy of `$U^n$`, in J; `product` is work space. Collective.
+    pub fn elastic_energy<E: Engine>(
+        &self,
+        system: &System<E>,
+        u_n: &[f64],
+        product: &mut [f64],
+    ) -> Result<f64> {
+        let computed = || Ok(0.5 * system.engine.multiply(&system.stiffness, u_n, product)?);
         self.elastic.map_or_else(computed, Ok)
     }
 
