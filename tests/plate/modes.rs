@@ -161,7 +161,7 @@ fn what_is_heavy_on_a_stiff_bed_hides_no_modes_of_the_sheet() {
     {
         let text = format!(
             "plate = {{ length = 1, width = 1, thickness = 5e-3, youngs_modulus = 5e6, poissons_ratio = 0.45, density = 1000 }}\n\
-             mesh = {{ element = \"fvs\", cells = [12, 12] }}\nfoundation = [{{ stiffness = 1e9 }}]\n{thing}\
+             mesh = {{ element = \"fvs\", cells = [20, 20] }}\nfoundation = [{{ stiffness = 1e9 }}]\n{thing}\
              time = {{ scheme = \"newmark\", mass = \"{mass}\", step = 1e-6, end = 1e-6 }}\n"
         );
         let scene = Scene::from_str(&text, "bed.toml", &[]).unwrap();
