@@ -98,7 +98,7 @@ impl<'e, E: Engine> ShiftedInverse<'e, E> {
     /// The inertia proves that no other eigenvalue lies below the shift, on engines that count.
     pub fn approach(&mut self, wanted: &[f64], converged: usize) -> Result<Option<usize>> {
         let Some(last) = wanted.last() else { return Ok(None) };
-        let below = wanted.partition_point(|square| last - square >= CLUSTER * square.abs());
+        let below = wanted.partition_point(|square| last - square > CLUSTER * square.abs());
         let (first, spread) = (wanted[below], last - wanted[below]);
         if below > converged || 2 * below > wanted.len() || spread < 0.0 {
             return Ok(None);
