@@ -7,9 +7,11 @@
 
 mod dry_friction;
 mod hertz;
+mod registry;
 
 pub use dry_friction::DryFriction;
 pub use hertz::Hertz;
+pub use registry::{StopLaw, StopLawSpec};
 
 use std::fmt::Debug;
 use std::sync::Arc;

@@ -2,8 +2,8 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::words::Choice;
-use super::{Compliance, FieldInput, Initial, Load, Scene, Side, StopLaw};
+use super::{Compliance, FieldInput, Initial, Load, Scene, Side};
+use crate::contact_law::StopLaw;
 
 impl Scene {
     /// Returns the names of the effects beyond the plate's own elasticity and inertia.
@@ -25,8 +25,8 @@ impl Scene {
             let moving = if moves { ", moving" } else { "" };
             add(of_side().next().is_some(), &format!("contact {name}{moving}"));
         }
-        for &(_, law) in StopLaw::WORDS {
-            add(self.compliances().any(|(_, stop)| stop.law == law), law.effect());
+        for law in StopLaw::ALL {
+            add(self.compliances().any(|(_, stop)| stop.law == law), law.spec().effect);
         }
         add(self.stop_damping().is_some(), "damping of stops");
         add(!self.sliders.is_empty(), "dry friction");

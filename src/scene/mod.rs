@@ -82,7 +82,7 @@ pub use study::Study;
 pub use supports::{ElasticEdge, Support, SupportLocation};
 pub use sweep::{SweepSpec, SweptKey};
 pub use time::Time;
-pub use words::{EngineName, Horizon, LinearSolver, Mass, Side, StopLaw, SweepOrder};
+pub use words::{EngineName, Horizon, LinearSolver, Mass, Side, SweepOrder};
 
 impl Serialize for Scene {
     /// Serialises the table of [`Scene::resolved`].

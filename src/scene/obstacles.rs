@@ -6,8 +6,8 @@ use super::entry::{Entry, Kind, SceneText, Table, flat, table, via};
 use super::given::{FieldInput, Region};
 use super::kinds::{not_negative, number, positive, word};
 use super::place::{SiteKeys, region, site_keys};
-use super::words::{Choice, Side, StopLaw};
-use crate::contact_law::{ContactLaw, Hertz};
+use super::words::{Choice, Side};
+use crate::contact_law::{ContactLaw, StopLaw, StopLawSpec};
 use crate::error::Result;
 use crate::field::Names;
 use std::sync::Arc;
@@ -59,15 +59,12 @@ pub struct Compliance {
 impl Compliance {
     /// Returns the law by which the bound yields; `None` for a linear stop, whose tip is bounded.
     pub fn contact_law(&self) -> Option<Arc<dyn ContactLaw>> {
-        match self.law {
-            StopLaw::Linear => None,
-            StopLaw::Hertz => Some(Arc::new(Hertz(self.stiffness))),
-        }
+        self.law.spec().law.map(|law| law(self.stiffness))
     }
 
     /// Returns whether a massless tip touches in place of the node or the ball.
     pub fn has_tip(&self) -> bool {
-        self.law == StopLaw::Linear
+        self.law.spec().law.is_none()
     }
 }
 
@@ -98,27 +95,32 @@ table! {
     }
 }
 
-/// Units of a stop at a point, along a line, over an area, and by the law of Hertz.
-type Units = [&'static str; 4];
+/// Unit of a number of a stop, which depends on its law and on its site: a point (0), a line (1) or
+/// an area (2).
+type Unit = fn(StopLaw, usize) -> &'static str;
 
-const STIFFNESS: Units = ["N/m", "N/m2", "N/m3", "N/m^1.5"];
-const DAMPING: Units = ["N s/m", "N s/m2", "N s/m3", ""];
+const STIFFNESS: Unit = |law, site| match law.spec() {
+    StopLawSpec { unit, law: None, .. } => [unit, "N/m2", "N/m3"][site],
+    StopLawSpec { unit, .. } => unit,
+};
+const DAMPING: Unit = |_, site| ["N s/m", "N s/m2", "N s/m3"][site];
 
 /// Returns the kind of a number whose unit depends on the other keys of its table.
-fn per_site(kind: fn(&str, &'static str) -> Kind<f64>, what: &'static str, units: Units) -> Kind<f64> {
+fn per_site(kind: fn(&str, &'static str) -> Kind<f64>, what: &'static str, unit: Unit) -> Kind<f64> {
     let read = move |doc: &Document, key: &str| {
         let table = key.rsplit_once('.').map_or("", |(table, _)| table);
         let is_given = |name: &str| doc.get(&join(table, name)).is_some();
-        let is_hertz = doc.text(&join(table, "law"), "").is_ok_and(|law| law == StopLaw::Hertz.word());
-        let site = match (is_hertz, is_given("line"), is_given("at") || is_given("point")) {
-            (true, ..) => 3,
-            (_, true, _) => 1,
-            (.., true) => 0,
+        let name = doc.text(&join(table, "law"), "");
+        let is_named = |law: &StopLaw| name.as_ref().is_ok_and(|&name| name == law.word());
+        let law = StopLaw::ALL.into_iter().find(is_named).unwrap_or(StopLaw::Linear);
+        let site = match (is_given("line"), is_given("at") || is_given("point")) {
+            (true, _) => 1,
+            (_, true) => 0,
             _ => 2,
         };
-        (kind(what, units[site]).read)(doc, key)
+        (kind(what, unit(law, site)).read)(doc, key)
     };
-    Kind { read: Box::new(read), unit: "", ..kind(what, units[2]) }
+    Kind { read: Box::new(read), unit: "", ..kind(what, unit(StopLaw::Linear, 2)) }
 }
 
 /// Region that an obstacle faces, its compliance there, and the position of its law.
@@ -127,9 +129,10 @@ fn faced() -> Entry<(Region, Option<Compliance>, SourcePosition)> {
         let region = region(keys.sites, doc, table, SiteKeys::keys().names())?;
         let law = join(table, "law");
         let is_point = matches!(region, Region::At(_) | Region::Point(_));
-        if !is_point && keys.stop.law == Some(StopLaw::Hertz) {
-            let wrong =
-                "\"hertz\" is the law of a contact at a point; expected at or point beside it, or \"linear\"";
+        if let Some(given) = keys.stop.law.filter(|law| !is_point && law.spec().law.is_some()) {
+            let wrong = format!(
+                "\"{given}\" is the law of a contact at a point; expected at or point beside it, or \"linear\""
+            );
             return Err(doc.fault(&law, wrong));
         }
         let compliance = compliance(keys.stop, doc, table)?;
@@ -163,10 +166,9 @@ pub(super) fn contact_point() -> Entry<Option<Compliance>> {
 
 /// Adds the units to the rows of a stop, as comments.
 fn units(compliance: &Option<Compliance>, site: usize, lines: &mut SceneText) {
-    let is_hertz = compliance.is_some_and(|compliance| !compliance.has_tip());
-    let site = if is_hertz { 3 } else { site };
-    lines.says("stiffness", STIFFNESS[site]);
-    lines.says("damping", DAMPING[site]);
+    let law = compliance.map_or(StopLaw::Linear, |compliance| compliance.law);
+    lines.says("stiffness", STIFFNESS(law, site));
+    lines.says("damping", DAMPING(law, site));
 }
 
 /// Returns the compliance of a stop; `None` for a rigid one.
@@ -174,11 +176,11 @@ fn compliance(keys: StopKeys, doc: &Document, table: &str) -> Result<Option<Comp
     let [law_key, stiffness_key, damping_key] = ["law", "stiffness", "damping"].map(|name| join(table, name));
     let StopKeys { law, stiffness, damping } = keys;
     let law = law.unwrap_or(StopLaw::Linear);
-    if law == StopLaw::Hertz {
+    if law.spec().law.is_some() {
         let kind = per_site(positive, "a stiffness", STIFFNESS);
         let stiffness = stiffness.map_or_else(|| (kind.read)(doc, &stiffness_key), Ok)?;
-        let wrong = "has no meaning beside law = \"hertz\", an elastic contact; expected it with law = \"linear\" only";
-        doc.forbid(&damping_key, wrong)?;
+        let wrong = format!("has no meaning beside law = \"{law}\", an elastic contact");
+        doc.forbid(&damping_key, format!("{wrong}; expected it with law = \"linear\" only"))?;
         return Ok(Some(Compliance { law, stiffness, damping: 0.0 }));
     }
     let Some(stiffness) = stiffness else {
@@ -191,9 +193,8 @@ fn compliance(keys: StopKeys, doc: &Document, table: &str) -> Result<Option<Comp
 }
 
 fn stop_keys(compliance: &Option<Compliance>) -> StopKeys {
-    let is_hertz = |stop: &Compliance| !stop.has_tip();
     StopKeys {
-        law: compliance.filter(is_hertz).map(|stop| stop.law),
+        law: compliance.filter(|stop| !stop.has_tip()).map(|stop| stop.law),
         stiffness: compliance.map(|stop| stop.stiffness),
         damping: compliance.filter(Compliance::has_tip).map(|stop| stop.damping),
     }

@@ -1,6 +1,7 @@
 //! Words by which a scene names the variants of every enum.
 
 use super::{ContactSolver, Diagonal, ElementKind, Massless, SchemeName, SupportKind};
+use crate::contact_law::StopLaw;
 use crate::field::Interpolation;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -55,14 +56,6 @@ words! {
         Below = "below",
         /// Above the plate: the deflection stays under the obstacle's height.
         Above = "above",
-    }
-
-    /// Law by which the force of a compliant stop depends on its depth d.
-    pub enum StopLaw {
-        /// Spring and dashpot, `$k d + c \dot d$`, which join a massless tip to the plate.
-        Linear = "linear",
-        /// Contact of two elastic bodies with curved surfaces, `$k d^{3/2}$` (Hertz 1881).
-        Hertz = "hertz",
     }
 
     /// Mass matrix.
@@ -151,15 +144,6 @@ macro_rules! named_by_registry {
 named_by_registry!(ElementKind, element => element.name());
 named_by_registry!(SchemeName, scheme => scheme.capabilities().name);
 named_by_registry!(ContactSolver, solver => solver.name());
+named_by_registry!(StopLaw, law => law.spec().name);
 
-shown_as_words!(ElementKind, SchemeName, ContactSolver);
-
-impl StopLaw {
-    /// Returns the name of the effect of stops with this law.
-    pub fn effect(self) -> &'static str {
-        match self {
-            StopLaw::Linear => "compliant stops",
-            StopLaw::Hertz => "stops by the law of Hertz",
-        }
-    }
-}
+shown_as_words!(ElementKind, SchemeName, ContactSolver, StopLaw);

@@ -3,7 +3,8 @@
 use crate::common::models::{CLAMPED, UNIT};
 use crate::common::scenes::{STILL, grid, model, read, refusal};
 use rebond::contact_law::ContactLaw;
-use rebond::scene::{Compliance, Scene, StopLaw};
+use rebond::contact_law::StopLaw;
+use rebond::scene::{Compliance, Scene};
 use rebond::simulation::Model;
 
 fn with(rest: &str, time: &str) -> String {

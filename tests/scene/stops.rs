@@ -3,7 +3,8 @@
 use crate::common::models::{CLAMPED, UNIT};
 use crate::common::scenes::{STILL, close, grid, model, read, refusal, run, run_to_end};
 use rebond::Result;
-use rebond::scene::{Compliance, Scene, StopLaw};
+use rebond::contact_law::StopLaw;
+use rebond::scene::{Compliance, Scene};
 use rebond::simulation::{self, Model, Observer, Row, Snapshot};
 
 fn with(obstacle: &str, rest: &str) -> String {
