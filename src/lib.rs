@@ -13,6 +13,7 @@
 //! | [`error`] | the error type and its exit codes |
 //! | [`communicator`] | collective operations over all ranks, with the verbs of MPI |
 //! | [`memory`] | available memory, and refusal of work that does not fit |
+//! | [`random`] | pseudo-random vectors, the same on every machine |
 //! | [`archive`] | saving and restoring the state of a run |
 //! | [`motion`] | a state from which another run starts |
 //! | [`geometry`] | points and polygons |
@@ -20,6 +21,8 @@
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
 //! | [`mesh`] | nodes, cells and their names; rectangles and Gmsh files |
 //! | [`plate`] | element matrices from thickness and material |
+//! | [`stress`] | bending moments, and stresses at the surfaces |
+//! | [`kernels`] | products of cells and loops over vectors, in the processor's registers |
 //! | [`linalg`] | the `Engine` trait and its native implementation |
 //! | [`dof_map`] | three dofs per node, supports |
 //! | [`partition`] | a rank's part of the mesh, and its relation to those of the other ranks |
@@ -27,10 +30,12 @@
 //! | `distributed` | the engine and the mesh over all ranks (feature `petsc`) |
 //! | [`modes`] | natural frequencies and shapes |
 //! | [`assembly`] | the only loop over cells |
+//! | [`contact_law`] | laws of bounds that yield, one file each |
 //! | [`obstacle`] | bounds on the deflections |
 //! | [`vi`] | the bound-constrained problem of a step, and the check of its answers |
 //! | [`energy`] | energies and the energy guard |
 //! | [`scheme`] | Newmark, midpoint, conserving and exact schemes, static equilibrium |
+//! | [`lock_step`] | Newmark runs of several equal systems at once |
 //! | [`scene`] | validated scenes from TOML |
 //! | [`simulation`] | the model, the main loop and its observers |
 //! | [`output`] | csv, json, vtu, svg, png, html, progress |
