@@ -14,7 +14,7 @@ use faer::sparse::{SparseColMat, Triplet};
 use faer::{Conj, MatMut, Par, Side, Spec};
 use rebond::linalg::{Engine, LinearCombination};
 use rebond::scene::Scene;
-use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
+use rebond::scheme::{Newmark, NewmarkParameters, Scheme, Solution};
 use rebond::simulation::{Model, Observer, Row};
 use rebond::vi::kkt::KktCheck;
 use rebond::vi::{Answer, Problem};

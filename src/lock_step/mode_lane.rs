@@ -1,14 +1,13 @@
-//! One of several runs in lock step, as a [`Scheme`].
+//! Solution of one of several runs in lock step.
 
 use super::lane_levels::{LaneLevels, MasslessPart};
 use super::mode_runs::ModeRuns;
-use crate::archive::Archive;
 use crate::energy::Energies;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::kernels::Lanes;
 use crate::linalg::{Engine, Native};
 use crate::obstacle::Bounds;
-use crate::scheme::{Approach, Scheme, StepBalance, StepRecord, System};
+use crate::scheme::{Approach, Solution, StepRecord, System};
 use std::cell::OnceCell;
 
 /// Newmark run of one of several equal systems in lock step, at the last step of all.
@@ -63,15 +62,7 @@ impl<'r, 's> ModeLane<'r, 's> {
     }
 }
 
-impl Scheme for ModeLane<'_, '_> {
-    /// Advances all runs.
-    fn advance(&mut self) -> Result<()> {
-        self.runs.advance()?;
-        let ModeLane { record, .. } = ModeLane::new(self.runs, self.lane);
-        (self.record, self.shown) = (record, OnceCell::new());
-        Ok(())
-    }
-
+impl Solution for ModeLane<'_, '_> {
     fn record(&self) -> &StepRecord {
         &self.record
     }
@@ -116,17 +107,5 @@ impl Scheme for ModeLane<'_, '_> {
             _ => (deflection - u_before[bound].0[self.lane]) / self.record.dt,
         };
         Approach { time: self.record.time(), deflection, velocity }
-    }
-
-    fn balance(&mut self) -> Result<StepBalance> {
-        Err(Error::Usage("a run in lock step keeps no balance of forces".into()))
-    }
-
-    fn archive(&mut self, _: &mut Archive) -> Result<()> {
-        Err(Error::Usage("a run in lock step cannot be saved".into()))
-    }
-
-    fn factorisations(&self) -> u64 {
-        0
     }
 }

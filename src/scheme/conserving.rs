@@ -134,7 +134,7 @@ use super::massless::potential::Line;
 use super::midpoint::MidpointRule;
 use super::relaxation::{RelaxedStep, SAME_TIME, root};
 use super::state::{State, SupportVelocities, change_frame};
-use super::{Approach, Potential, Scheme, Start, StepBalance, StepRecord, System};
+use super::{Approach, Potential, Scheme, Solution, Start, Statistics, StepBalance, StepRecord, System};
 use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
@@ -418,57 +418,7 @@ impl<E: Engine> RelaxedStep for LineSearch<'_, '_, '_, E> {
     }
 }
 
-impl<E: Engine> Scheme for Conserving<'_, E> {
-    fn advance(&mut self) -> Result<()> {
-        // Before the first step these are the rates of the motions, of which no step tells yet.
-        let frame_rates = self.support_rates()?;
-        self.record.begin_step();
-        self.record.report = Default::default();
-        let dt = self.record.dt;
-        if let Some([_, mean]) = &mut self.balances {
-            *mean = StepBalance::zero(self.system);
-        }
-        let covered = self.ahead.min(dt);
-        self.add_impulses(covered);
-        self.ahead -= dt;
-        let bounds = &self.system.bounds;
-        while self.ahead < 0.0 {
-            let time = self.time() + self.ahead;
-            self.step_on(time)?;
-            self.keep_last_balance(time)?;
-            self.ahead += self.span;
-            if self.ahead.abs() <= SAME_TIME * dt {
-                self.ahead = 0.0;
-            }
-            self.add_impulses(self.span - self.ahead.max(0.0));
-            let rule = &self.rules[self.last];
-            for (i, &dof) in bounds.dofs.iter().enumerate() {
-                if self.before.reaction[i] == 0.0 {
-                    self.free[i] = Approach { time, deflection: self.before.u[dof], velocity: self.rates[i] };
-                }
-                self.rates[i] = 2.0 / rule.dt * rule.driver.x[dof];
-            }
-        }
-        let StepRecord { reaction, impulses, .. } = &mut self.record;
-        reaction.copy_from_slice(impulses);
-        divide(dt, reaction);
-        let share = self.ahead / self.span;
-        for (u, (now, before)) in self.u.iter_mut().zip(self.now.u.iter().zip(&self.before.u)) {
-            *u = now + share * (before - now);
-        }
-        bounds.restrict(&self.u, &mut self.record.admissible);
-        self.limits.extrapolate(&self.now.instant, &self.before.instant, share);
-        let drive = &self.system.drive;
-        let beyond: Vec<f64> =
-            drive.places(self.time())?.iter().zip(&self.limits.places).map(|(s, frame)| frame - s).collect();
-        drive.add_shapes(beyond.into_iter(), &mut self.u);
-        if let Some([_, mean]) = &mut self.balances {
-            let to = &self.rules[self.last].instants.frame_rates;
-            mean.change_frame(dt, [&frame_rates, to], &self.support_velocities);
-        }
-        Ok(())
-    }
-
+impl<E: Engine> Solution for Conserving<'_, E> {
     /// Returns the record of the last step. Its bounded configuration is the reported displacement,
     /// and its reactions are the mean over the last dt; at the start they are those at U(p).
     fn record(&self) -> &StepRecord {
@@ -524,6 +474,58 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
     fn approach(&self, bound: usize) -> Approach {
         self.free[bound]
     }
+}
+
+impl<E: Engine> Scheme for Conserving<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        // Before the first step these are the rates of the motions, of which no step tells yet.
+        let frame_rates = self.support_rates()?;
+        self.record.begin_step();
+        self.record.report = Default::default();
+        let dt = self.record.dt;
+        if let Some([_, mean]) = &mut self.balances {
+            *mean = StepBalance::zero(self.system);
+        }
+        let covered = self.ahead.min(dt);
+        self.add_impulses(covered);
+        self.ahead -= dt;
+        let bounds = &self.system.bounds;
+        while self.ahead < 0.0 {
+            let time = self.time() + self.ahead;
+            self.step_on(time)?;
+            self.keep_last_balance(time)?;
+            self.ahead += self.span;
+            if self.ahead.abs() <= SAME_TIME * dt {
+                self.ahead = 0.0;
+            }
+            self.add_impulses(self.span - self.ahead.max(0.0));
+            let rule = &self.rules[self.last];
+            for (i, &dof) in bounds.dofs.iter().enumerate() {
+                if self.before.reaction[i] == 0.0 {
+                    self.free[i] = Approach { time, deflection: self.before.u[dof], velocity: self.rates[i] };
+                }
+                self.rates[i] = 2.0 / rule.dt * rule.driver.x[dof];
+            }
+        }
+        let StepRecord { reaction, impulses, .. } = &mut self.record;
+        reaction.copy_from_slice(impulses);
+        divide(dt, reaction);
+        let share = self.ahead / self.span;
+        for (u, (now, before)) in self.u.iter_mut().zip(self.now.u.iter().zip(&self.before.u)) {
+            *u = now + share * (before - now);
+        }
+        bounds.restrict(&self.u, &mut self.record.admissible);
+        self.limits.extrapolate(&self.now.instant, &self.before.instant, share);
+        let drive = &self.system.drive;
+        let beyond: Vec<f64> =
+            drive.places(self.time())?.iter().zip(&self.limits.places).map(|(s, frame)| frame - s).collect();
+        drive.add_shapes(beyond.into_iter(), &mut self.u);
+        if let Some([_, mean]) = &mut self.balances {
+            let to = &self.rules[self.last].instants.frame_rates;
+            mean.change_frame(dt, [&frame_rates, to], &self.support_velocities);
+        }
+        Ok(())
+    }
 
     /// Keeps the balance at the start, that of U(p).
     fn keep_balance(&mut self) -> Result<()> {
@@ -567,12 +569,9 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.potential.archive(archive)
     }
 
-    fn factorisations(&self) -> u64 {
-        self.potential.factorisations()
-            + self.rules.iter().map(|rule| rule.driver.factorisations()).sum::<u64>()
-    }
-
-    fn relaxation(&self) -> Option<RelaxationStatistics> {
-        Some(self.relaxation)
+    fn statistics(&self) -> Statistics {
+        let of_rules: u64 = self.rules.iter().map(|rule| rule.driver.factorisations()).sum();
+        let factorisations = self.potential.factorisations() + of_rules;
+        Statistics { factorisations, relaxation: Some(self.relaxation), events: None }
     }
 }

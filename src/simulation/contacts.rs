@@ -3,7 +3,7 @@
 use super::DeflectionDof;
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
-use crate::scheme::{Event, Scheme};
+use crate::scheme::{Event, Solution};
 
 /// Contact of a node with an obstacle, from its first to its last step.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +48,7 @@ impl ContactRecorder {
         &mut self,
         sites: &[DeflectionDof],
         step: f64,
-        scheme: &dyn Scheme,
+        scheme: &dyn Solution,
         events: &[Event],
         is_free: bool,
     ) {

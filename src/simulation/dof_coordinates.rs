@@ -9,7 +9,7 @@ use crate::linalg::Engine;
 use crate::motion::Motion;
 use crate::partition::Partition;
 use crate::scene::{Mass, Scene};
-use crate::scheme::Scheme;
+use crate::scheme::Solution;
 
 /// Relative distance, in units of the plate size, below which positions are equal.
 const SAME: f64 = 1e-9;
@@ -92,7 +92,7 @@ impl DofCoordinates {
         &self,
         engine: &E,
         scene: &Scene,
-        scheme: &mut dyn Scheme,
+        scheme: &mut dyn Solution,
     ) -> Result<Option<Motion>> {
         let rates = scheme.velocity()?;
         let values = scheme.displacement().iter().zip(&rates);

@@ -19,7 +19,7 @@ use crate::mesh::{Cell, Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::Sections;
 use crate::scene::{FieldInput, Region, Side};
-use crate::scheme::{Scheme, System};
+use crate::scheme::{Solution, System};
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -251,7 +251,7 @@ impl Fields {
     pub(super) fn sample<E: Engine>(
         &self,
         system: &System<E>,
-        scheme: &mut dyn Scheme,
+        scheme: &mut dyn Solution,
     ) -> Result<Snapshot<'_>> {
         let System { engine, bounds, .. } = system;
         let velocity = scheme.velocity()?;

@@ -10,7 +10,7 @@ use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::scene::Scene;
-use crate::scheme::{Event, Scheme};
+use crate::scheme::{Event, Scheme, Solution};
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -43,7 +43,7 @@ impl ObstacleRecord {
     }
 
     /// Begins a contact with an impact.
-    fn begin(&mut self, impact: Option<Impact>, scheme: &dyn Scheme) -> Result<()> {
+    fn begin(&mut self, impact: Option<Impact>, scheme: &dyn Solution) -> Result<()> {
         self.total.impacts += 1;
         let Some(Impact { time, at, velocity: approach_velocity, .. }) = impact else { return Ok(()) };
         let kinetic_energy = scheme.energies()?.kinetic;
@@ -63,7 +63,7 @@ impl ObstacleRecord {
     }
 
     /// Records the closing or opening of the gap at a node, for an event-driven scheme.
-    fn event(&mut self, closes: bool, impact: Impact, scheme: &dyn Scheme) -> Result<()> {
+    fn event(&mut self, closes: bool, impact: Impact, scheme: &dyn Solution) -> Result<()> {
         if self.last.is_none() {
             self.begin(Some(impact), scheme)?;
         }
@@ -190,7 +190,7 @@ impl ForceRecorder {
         &mut self,
         scene: &Scene,
         model: &Model<E>,
-        scheme: &dyn Scheme,
+        scheme: &dyn Solution,
         events: &[Event],
     ) -> Result<()> {
         let ForceRecorder { attribution: Some(attribution), obstacles, records, .. } = self else {
@@ -299,7 +299,7 @@ fn towards(event: &Event) -> f64 {
 const SUMS: usize = 3;
 
 /// Returns this process's part of the sums of a step, for each named obstacle.
-fn own_sums(scheme: &dyn Scheme, attribution: &Attribution, obstacles: &[(String, usize)]) -> Vec<f64> {
+fn own_sums(scheme: &dyn Solution, attribution: &Attribution, obstacles: &[(String, usize)]) -> Vec<f64> {
     let mut sums = vec![0.0; SUMS * obstacles.len()];
     let mut add = |bound: usize, push: f64, values: [f64; SUMS]| {
         let obstacle = attribution.obstacle(bound, push);

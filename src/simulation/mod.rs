@@ -65,7 +65,7 @@ use crate::mesh::Mesh;
 use crate::partition::{Partition, WholeMesh};
 use crate::plate::Sections;
 use crate::scene::{ContactSolver, EngineName, Mass, Scene};
-use crate::scheme::{Friction, Scheme, Start, StepBalance, System};
+use crate::scheme::{Friction, Scheme, Solution, Start, StepBalance, System};
 pub use crate::vi::SolverFactory;
 use crate::vi::{Condensed, Solver};
 use effects::{Attribution, BuildContext, Effects, OfCells, Reactions};
@@ -323,7 +323,7 @@ impl<E: Engine> Model<E> {
     }
 
     /// Returns the guard of the energy of a scheme at its start.
-    fn guard(&self, scene: &Scene, scheme: &dyn Scheme) -> Result<Guard> {
+    fn guard(&self, scene: &Scene, scheme: &dyn Solution) -> Result<Guard> {
         let sonic = if self.system.drive.varies() { self.sonic } else { f64::INFINITY };
         Ok(Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)))
     }

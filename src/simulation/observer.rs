@@ -4,7 +4,7 @@ use super::{Contact, Envelope, NodeReaction, RunState, Snapshot};
 use crate::error::Result;
 use crate::hash::Extent;
 use crate::motion::Motion;
-use crate::scheme::{Event, Scheme};
+use crate::scheme::{Event, Solution};
 
 /// Row of the history.
 #[derive(Debug, Clone, Copy)]
@@ -113,7 +113,7 @@ pub trait Observer {
     ///
     /// # Errors
     /// Returns the same errors as [`Observer::row`].
-    fn state(&mut self, scheme: &dyn Scheme) -> Result<()> {
+    fn state(&mut self, scheme: &dyn Solution) -> Result<()> {
         let _ = scheme;
         Ok(())
     }
@@ -207,7 +207,7 @@ impl<A: Observer, B: Observer> Observer for Both<A, B> {
         self.1.event(event)
     }
 
-    fn state(&mut self, scheme: &dyn Scheme) -> Result<()> {
+    fn state(&mut self, scheme: &dyn Solution) -> Result<()> {
         self.0.state(scheme)?;
         self.1.state(scheme)
     }

@@ -7,7 +7,7 @@ use crate::error::Result;
 use crate::linalg::{Engine, LinearMethod, LinearSolves};
 use crate::obstacle::Bounds;
 use crate::scene::Scene;
-use crate::scheme::{Event, EventStatistics, RelaxationStatistics, Scheme, System};
+use crate::scheme::{Event, EventStatistics, RelaxationStatistics, Scheme, Solution, System};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -171,7 +171,7 @@ pub struct Outcome {
 
 impl Outcome {
     /// Creates the outcome of a run at its start; `factor` is the time of the factorisation, in s.
-    pub(super) fn new<E: Engine>(model: &Model<E>, scheme: &dyn Scheme, factor: f64) -> Result<Outcome> {
+    pub(super) fn new<E: Engine>(model: &Model<E>, scheme: &dyn Solution, factor: f64) -> Result<Outcome> {
         let start = scheme.energies()?.total();
         let [assembly, equilibrium] = model.seconds;
         let System { engine, bounds, .. } = &model.system;
@@ -238,7 +238,7 @@ impl Outcome {
         &mut self,
         scene: &Scene,
         model: &Model<E>,
-        scheme: &dyn Scheme,
+        scheme: &dyn Solution,
         events: bool,
         is_free: bool,
     ) -> Result<(usize, f64)> {
@@ -298,7 +298,7 @@ fn add_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64;
 /// obstacle move uniformly. Collective.
 pub(super) fn first_impact<E: Engine>(
     model: &Model<E>,
-    scheme: &dyn Scheme,
+    scheme: &dyn Solution,
     step: f64,
     chosen: &dyn Fn(usize) -> bool,
 ) -> Result<Option<Impact>> {

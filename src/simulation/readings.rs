@@ -11,7 +11,7 @@ use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::plate::Section;
 use crate::scene::{self, FieldInput, ProbeQuantity, StressComponent};
-use crate::scheme::{Scheme, System};
+use crate::scheme::{Solution, System};
 use crate::stress::Moments;
 use std::rc::Rc;
 
@@ -98,7 +98,7 @@ impl Readings {
         &self,
         system: &System<E>,
         accelerations: &Accelerations,
-        scheme: &mut dyn Scheme,
+        scheme: &mut dyn Solution,
         values: &mut [f64],
     ) -> Result<()> {
         let moves = [ProbeQuantity::Velocity, ProbeQuantity::Acceleration];
@@ -126,7 +126,7 @@ impl Readings {
     fn velocities<E: Engine>(
         &self,
         system: &System<E>,
-        scheme: &mut dyn Scheme,
+        scheme: &mut dyn Solution,
         quantity: ProbeQuantity,
     ) -> Result<Vec<f64>> {
         let is_chosen = |other: ProbeQuantity| other == quantity;
@@ -172,7 +172,7 @@ impl Accelerations {
         &mut self,
         readings: &Readings,
         system: &System<E>,
-        scheme: &mut dyn Scheme,
+        scheme: &mut dyn Solution,
     ) -> Result<()> {
         if self.probes.is_empty() {
             return Ok(());

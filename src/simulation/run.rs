@@ -6,7 +6,7 @@ use crate::archive::Archive;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::scene::Scene;
-use crate::scheme::Scheme;
+use crate::scheme::{Scheme, Statistics};
 use crate::vi::SolverFactory;
 use std::time::Instant;
 
@@ -92,10 +92,9 @@ fn run_from<E: Engine>(
     outcome.forces = monitor.forces.summary(scheme.time());
     let dissipated = model.friction(scene, scheme.as_ref()).into_iter();
     outcome.dissipated = scene.slider_names().zip(dissipated.map(|[_, dissipated]| dissipated)).collect();
-    outcome.factorisations = scheme.factorisations();
+    let Statistics { factorisations, relaxation, events } = scheme.statistics();
+    (outcome.factorisations, outcome.relaxation, outcome.tally) = (factorisations, relaxation, events);
     outcome.linear = model.system.engine.linear_solves().into();
-    outcome.relaxation = scheme.relaxation();
-    outcome.tally = scheme.event_statistics();
     // Other errors may have stopped some processes earlier than others.
     if matches!(ended, Ok(()) | Err(Error::Interrupted { .. })) {
         outcome.extremes = monitor.extremes(model);

@@ -8,7 +8,7 @@ use crate::energy::{Energies, Guard};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::scene::Scene;
-use crate::scheme::Scheme;
+use crate::scheme::Solution;
 
 /// Checks of every step, as in a run, and readings of the probes.
 pub struct StepMonitor<'m, E: Engine> {
@@ -23,7 +23,7 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn new(scene: &'m Scene, model: &'m Model<E>, scheme: &dyn Scheme) -> Result<StepMonitor<'m, E>> {
+    pub fn new(scene: &'m Scene, model: &'m Model<E>, scheme: &dyn Solution) -> Result<StepMonitor<'m, E>> {
         let guard = model.guard(scene, scheme)?;
         Ok(StepMonitor { scene, model, guard, accelerations: Accelerations::new(scene) })
     }
@@ -37,7 +37,7 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     ///
     /// # Errors
     /// Returns the errors with which a run stops.
-    pub fn note(&mut self, scheme: &mut dyn Scheme, probes: &mut [f64]) -> Result<()> {
+    pub fn note(&mut self, scheme: &mut dyn Solution, probes: &mut [f64]) -> Result<()> {
         self.check(scheme, || scheme.energies())?;
         let Model { readings, system, .. } = self.model;
         self.accelerations.note(readings, system, scheme)?;
@@ -54,7 +54,11 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     ///
     /// # Errors
     /// Returns the errors with which a run stops.
-    pub fn check(&mut self, scheme: &dyn Scheme, energies: impl FnOnce() -> Result<Energies>) -> Result<()> {
+    pub fn check(
+        &mut self,
+        scheme: &dyn Solution,
+        energies: impl FnOnce() -> Result<Energies>,
+    ) -> Result<()> {
         let (step, time, kkt) = (scheme.step(), scheme.time(), scheme.step_report().kkt);
         check_residual(step, time, kkt, self.scene.solver.tolerance)?;
         if step.is_multiple_of(GUARD_EVERY) {
@@ -68,7 +72,7 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     /// # Errors
     /// Returns [`crate::Error::EnergyGuard`] or [`crate::Error::NotFinite`] where the energies are
     /// impossible, and the errors of the engine.
-    pub fn check_energies(&mut self, scheme: &dyn Scheme) -> Result<Energies> {
+    pub fn check_energies(&mut self, scheme: &dyn Solution) -> Result<Energies> {
         let energies = scheme.energies()?;
         self.guard.check(scheme.step(), scheme.time(), energies)?;
         Ok(energies)
@@ -78,7 +82,7 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
     ///
     /// # Errors
     /// Returns the errors of obstacles and support motions.
-    pub fn impact(&self, scheme: &dyn Scheme) -> Result<Option<Impact>> {
+    pub fn impact(&self, scheme: &dyn Solution) -> Result<Option<Impact>> {
         first_impact(self.model, scheme, self.scene.time.step, &|_| true)
     }
 }

@@ -12,7 +12,7 @@ use crate::geometry::range;
 use crate::linalg::Engine;
 use crate::output::text::{TableColumns, grouped, two_digits};
 use crate::scene::{ContactSolver, EngineName, Scene};
-use crate::scheme::Scheme;
+use crate::scheme::Solution;
 use crate::simulation::{self, DeflectionDof, Model, SolverFactory};
 use serde::Serialize;
 use std::collections::HashMap;
@@ -259,7 +259,7 @@ impl Comparison {
             *total += seconds;
             *steps += 1;
         };
-        entry.factorisations = scheme.factorisations();
+        entry.factorisations = scheme.statistics().factorisations;
         entry.contact_steps = spent[1].1;
         let worst = |value: &mut f64| *value = engine.comm().all_reduce_max(*value);
         worst(&mut entry.difference);
@@ -282,7 +282,7 @@ impl Comparison {
 }
 
 /// Returns whether an obstacle acts on this process's nodes.
-fn touches(scheme: &dyn Scheme) -> bool {
+fn touches(scheme: &dyn Solution) -> bool {
     scheme.reaction().iter().any(|&r| r != 0.0)
 }
 

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::output::plot::{Axis, Curve, Figure, Obstacle, Panel};
 use crate::output::text::significant;
 use crate::scene::{Scene, SchemeSpec};
-use crate::scheme::{Newmark, NewmarkParameters, Scheme as _};
+use crate::scheme::{Newmark, NewmarkParameters, Scheme as _, Solution as _};
 use crate::simulation::{Model, Outcome};
 use serde::Serialize;
 use std::collections::HashMap;

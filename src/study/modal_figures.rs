@@ -5,7 +5,7 @@ use crate::linalg::vectors::axpy;
 use crate::linalg::{Engine, Form};
 use crate::output::text::{Report, significant};
 use crate::scene::Scene;
-use crate::scheme::{ContactCompliance, ModalScheme, Scheme, StepRecord};
+use crate::scheme::{ContactCompliance, ModalScheme, Scheme, Solution, StepRecord};
 use crate::simulation::Model;
 use serde::Serialize;
 use std::collections::BTreeSet;

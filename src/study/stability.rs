@@ -242,7 +242,7 @@ impl Observer for PropertyCheck {
         Ok(())
     }
 
-    fn state(&mut self, scheme: &dyn scheme::Scheme) -> Result<()> {
+    fn state(&mut self, scheme: &dyn scheme::Solution) -> Result<()> {
         let largest = scheme.displacement().iter().chain(scheme.admissible());
         self.length = largest.fold(self.length, |length, u| length.max(u.abs()));
         let above = scheme.invariant()? - self.lowest;

@@ -6,7 +6,7 @@ use crate::error::{Error, Result};
 use crate::kernels::Lanes;
 use crate::linalg::Native;
 use crate::lock_step::ModeRuns;
-use crate::scheme::Scheme;
+use crate::scheme::Solution;
 use crate::simulation::StepMonitor;
 
 /// Runs in lock step in modes, on their way. They are recorded together, and each is looked at by

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native};
 use crate::lock_step::SharedModes;
 use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
-use crate::scheme::{NewmarkParameters, Scheme, Start};
+use crate::scheme::{NewmarkParameters, Solution, Start};
 #[cfg(feature = "petsc")]
 use crate::simulation::SolverFactory;
 use crate::simulation::{Model, StepMonitor};
@@ -99,7 +99,7 @@ impl<E: Engine> PreparedRun<E> {
     }
 
     /// Starts the checks of a scheme that makes the run.
-    pub fn monitor(&self, scheme: &dyn Scheme) -> Result<StepMonitor<'_, E>> {
+    pub fn monitor(&self, scheme: &dyn Solution) -> Result<StepMonitor<'_, E>> {
         StepMonitor::new(&self.scene, &self.model, scheme)
     }
 
@@ -113,7 +113,7 @@ impl<E: Engine> PreparedRun<E> {
     /// its energies there.
     pub fn finished(
         &self,
-        scheme: &mut dyn Scheme,
+        scheme: &mut dyn Solution,
         now: Energies,
         (recorder, run): (&PeriodRecorder, usize),
         lyapunov: Option<f64>,

@@ -7,7 +7,7 @@ use rebond::energy::Energies;
 use rebond::linalg::{Engine, Form};
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
-use rebond::scheme::{Approach, Scheme, SchemeSpec, StepBalance, StepRecord};
+use rebond::scheme::{Approach, Scheme, SchemeSpec, Solution, Statistics, StepBalance, StepRecord};
 use rebond::simulation::{self, Model, Observer, Row};
 use std::cell::RefCell;
 
@@ -183,15 +183,7 @@ struct Watched<'w> {
     note: &'w mut dyn FnMut(&mut dyn Scheme) -> Result<()>,
 }
 
-impl Scheme for Watched<'_> {
-    fn advance(&mut self) -> Result<()> {
-        if self.scheme.step() == 0 {
-            (self.note)(self.scheme.as_mut())?;
-        }
-        self.scheme.advance()?;
-        (self.note)(self.scheme.as_mut())
-    }
-
+impl Solution for Watched<'_> {
     fn record(&self) -> &StepRecord {
         self.scheme.record()
     }
@@ -219,6 +211,16 @@ impl Scheme for Watched<'_> {
     fn approach(&self, bound: usize) -> Approach {
         self.scheme.approach(bound)
     }
+}
+
+impl Scheme for Watched<'_> {
+    fn advance(&mut self) -> Result<()> {
+        if self.scheme.step() == 0 {
+            (self.note)(self.scheme.as_mut())?;
+        }
+        self.scheme.advance()?;
+        (self.note)(self.scheme.as_mut())
+    }
 
     fn keep_balance(&mut self) -> Result<()> {
         self.scheme.keep_balance()
@@ -236,7 +238,7 @@ impl Scheme for Watched<'_> {
         self.scheme.archive(archive)
     }
 
-    fn factorisations(&self) -> u64 {
-        self.scheme.factorisations()
+    fn statistics(&self) -> Statistics {
+        self.scheme.statistics()
     }
 }

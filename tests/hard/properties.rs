@@ -6,7 +6,7 @@ use proptest::prelude::*;
 use proptest::sample::select;
 use proptest::test_runner::{Config, RngSeed, TestCaseResult, TestRunner};
 use rebond::scene::{ContactSolver, EngineName, Scene};
-use rebond::scheme::{Exact, ExactOptions, Scheme, Start};
+use rebond::scheme::{Exact, ExactOptions, Scheme, Solution, Start};
 use rebond::simulation::Model;
 use rebond::study::stability::{Ending, run_native, variants};
 use std::fmt;
@@ -457,7 +457,7 @@ fn time_runs_backwards(mut drawn: Drawn) -> Result<(), TestCaseError> {
         }
         largest = largest.max(crate::common::largest(there.displacement()));
     }
-    if there.event_statistics().is_some_and(|tally| tally.events > MOST_EVENTS) {
+    if there.statistics().events.is_some_and(|tally| tally.events > MOST_EVENTS) {
         return Ok(());
     }
     let velocity = lift(&model.system, there.cell_velocity()).into_iter().map(|v| -v).collect();

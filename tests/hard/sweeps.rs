@@ -11,7 +11,7 @@ use rebond::mesh::{Cell, Mesh, Point};
 use rebond::obstacle::Bounds;
 use rebond::scene::{ContactSolver, EngineName, Scene, SchemeSpec as Name};
 use rebond::scheme::{
-    Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+    Conserving, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Solution, Start, System,
 };
 use rebond::simulation::Model;
 use rebond::study::stability::{Ending, run_native, variants};

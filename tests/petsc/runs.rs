@@ -80,7 +80,7 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
             close(now.kinetic, other.kinetic, 1e-8);
             close(now.elastic, other.elastic, 1e-8);
             close(now.work, other.work, 1e-8);
-            if let Some(relaxation) = scheme.relaxation() {
+            if let Some(relaxation) = scheme.statistics().relaxation {
                 close(now.total() + relaxation.dissipated, start, 1e-11);
             }
             contacts += u32::from(expected.reaction().iter().any(|r| *r != 0.0));

@@ -14,7 +14,7 @@ use crate::common::block;
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
-    Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System, TimeDependence,
+    Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Solution, Start, System, TimeDependence,
 };
 
 const MASS: f64 = 2.5;
@@ -120,7 +120,7 @@ fn without_restitution_the_ball_stays_where_it_falls() {
                 assert!((scheme.reaction()[0] - weight).abs() <= 1e-12 * weight, "{}", scheme.reaction()[0]);
             }
         }
-        assert_eq!(scheme.factorisations(), 2, "one before contact, one with the candidate last");
+        assert_eq!(scheme.statistics().factorisations, 2, "one before contact, one with the candidate last");
     }
 }
 

@@ -9,7 +9,7 @@ use crate::common::models::{CLAMPED, PAPER_FALL, PAPER_PLATE, UNIT};
 use crate::common::{Random, largest, scenes, solve_dense};
 use rebond::linalg::Engine;
 use rebond::scene::Scene;
-use rebond::scheme::{Conserving, Massless, Midpoint, Potential, Scheme, System};
+use rebond::scheme::{Conserving, Massless, Midpoint, Potential, Scheme, Solution, System};
 use rebond::simulation::Model;
 
 /// Returns the paper's plate on some cells, at rest under 14600 Pa above an obstacle.
@@ -48,7 +48,7 @@ fn keeps_its_energy(scene: &Scene, allowed: f64) {
         assert!(bounds.violation(scheme.displacement()) <= 1e-12);
         contacts += u64::from(scheme.reaction().iter().any(|r| *r != 0.0));
     }
-    let relaxation = scheme.relaxation().unwrap();
+    let relaxation = scheme.statistics().relaxation.unwrap();
     let Scene { mesh, time, .. } = scene;
     println!("{:?} {:?} dt = {:e}: {drift:.1e}, {relaxation:?}", mesh.element, mesh.cells, time.step);
     assert!(contacts > 0 && relaxation.relaxed_steps > 0, "contact came and went");
@@ -185,7 +185,7 @@ fn in_free_flight_it_is_the_midpoint_rule() {
         // The scheme corrects changes of the energy by rounding, of 1e-13.
         assert!(crate::common::difference(conserving.displacement(), midpoint.displacement()) <= 1e-10);
     }
-    assert_eq!(conserving.relaxation().unwrap().relaxed_steps, 0);
+    assert_eq!(conserving.statistics().relaxation.unwrap().relaxed_steps, 0);
 }
 
 /// The two reports of the midpoint rule have the same motion of p.
@@ -303,6 +303,6 @@ fn energies_are_those_of_the_instant_as_long_as_contact_stays() {
             let off = (scheme.energies().unwrap().elastic - elastic).abs();
             assert!(off <= 1e-12 * start, "step {}: off by {off:e} of {start:e} J\n{text}", scheme.step());
         }
-        assert_eq!(scheme.relaxation().unwrap().relaxed_steps, 0);
+        assert_eq!(scheme.statistics().relaxation.unwrap().relaxed_steps, 0);
     }
 }

@@ -9,7 +9,7 @@ use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
 use rebond::scheme::{
     Conserving, Damping, Exact, Massless, Midpoint, ModalDamping, Newmark, NewmarkParameters, Potential,
-    Scheme, Start, System, TimeDependence,
+    Scheme, Solution, Start, System, TimeDependence,
 };
 use rebond::simulation::Model;
 use std::f64::consts::TAU;
@@ -247,7 +247,7 @@ fn all_schemes_tend_to_the_exact_one_with_damping_by_mass() {
         energy = now;
         expected.push(corner(&truth));
     }
-    assert!(truth.event_statistics().unwrap().events > 10);
+    assert!(truth.statistics().events.unwrap().events > 10);
     let schemes: [(&str, Make); 4] = [
         ("newmark", newmark),
         ("midpoint, reflected", reflected),
@@ -264,7 +264,7 @@ fn all_schemes_tend_to_the_exact_one_with_damping_by_mass() {
                 }
                 sum += (corner(scheme.as_ref()) - expected).powi(2);
             }
-            if let Some(relaxation) = scheme.relaxation() {
+            if let Some(relaxation) = scheme.statistics().relaxation {
                 assert!((relaxation.dissipated / (start - energy) - 1.0).abs() <= 100.0 * step);
             }
             (sum / expected.len() as f64).sqrt()

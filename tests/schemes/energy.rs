@@ -5,7 +5,7 @@ use crate::common::models::PAPER_START;
 use rebond::energy::Energies;
 use rebond::field::{Field, Names};
 use rebond::scene::{FieldInput, Scene};
-use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
+use rebond::scheme::{Newmark, NewmarkParameters, Scheme, Solution};
 use rebond::simulation::{self, Model, Observer, Row};
 
 /// Returns the paper's plate, at rest under 14600 Pa.

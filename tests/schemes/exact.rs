@@ -7,7 +7,7 @@ use rebond::linalg::{CellClass, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scene::{self, FieldInput, Mass, Scene};
 use rebond::scheme::{
-    Damping, Event, EventStatistics, Exact, ExactOptions, Scheme, Start, System, TimeDependence,
+    Damping, Event, EventStatistics, Exact, ExactOptions, Scheme, Solution, Start, System, TimeDependence,
 };
 use rebond::simulation::Model;
 use std::f64::consts::PI;
@@ -59,7 +59,7 @@ fn the_paper_s_plate_moves_as_an_independent_program_says() {
             kkt = kkt.max(scheme.step_report().kkt);
             counted += scheme.take_events().len();
         }
-        let tally = scheme.event_statistics().unwrap();
+        let tally = scheme.statistics().events.unwrap();
         println!("{element}: errors {errors:?} m, energy {drift:.1e}, residual {kkt:.1e}, {tally:?}");
         assert!(errors[0] <= early && errors[1] <= late, "{element}: {errors:?}");
         assert_eq!((counted, tally.events), (events, events as u64), "{element}");
@@ -117,11 +117,11 @@ fn finer_quadrilaterals() {
         println!(
             "energy {drift:.1e}, residual {:.1e}, {:?}",
             scheme.step_report().kkt,
-            scheme.event_statistics()
+            scheme.statistics().events
         );
         assert!(drift <= 1e-9);
     }
-    assert_eq!(scheme.event_statistics().unwrap().events, 592);
+    assert_eq!(scheme.statistics().events.unwrap().events, 592);
 }
 
 /// Runs a plate of quadrilaterals to its end; returns its event statistics and the largest relative
@@ -138,7 +138,7 @@ fn run_fine(cells: [usize; 2], end: f64) -> (EventStatistics, f64) {
         let kkt = scheme.step_report().kkt;
         assert!(kkt <= 1e-10, "t = {}: {kkt:e}", scheme.time());
     }
-    let tally = scheme.event_statistics().unwrap();
+    let tally = scheme.statistics().events.unwrap();
     println!("energy {drift:.1e}, {tally:?}");
     (tally, drift)
 }
@@ -216,7 +216,7 @@ fn time_runs_backwards_as_well() {
         for _ in 0..70 {
             there.advance().unwrap();
         }
-        let events = there.event_statistics().unwrap().events;
+        let events = there.statistics().events.unwrap().events;
         assert!(events > 0);
         // This displacement rate has the reversed velocities of the end.
         let turned = lift(&model.system, there.cell_velocity()).into_iter().map(|v| -v).collect();
@@ -226,9 +226,9 @@ fn time_runs_backwards_as_well() {
             back.advance().unwrap();
         }
         let apart = crate::common::difference(back.displacement(), &model.start.displacement);
-        println!("{events} events there, {} back: {apart:.1e}", back.event_statistics().unwrap().events);
+        println!("{events} events there, {} back: {apart:.1e}", back.statistics().events.unwrap().events);
         assert!(apart <= 1e-8, "{apart:e}");
-        assert_eq!(back.event_statistics().unwrap().events, events);
+        assert_eq!(back.statistics().events.unwrap().events, events);
     }
 }
 
@@ -427,7 +427,7 @@ fn a_free_plate_thrown_flat_touches_with_all_its_nodes_at_once() {
         assert!((scheme.energies().unwrap().total() / energy - 1.0).abs() <= 1e-9, "t = {}", scheme.time());
         assert!(scheme.step_report().kkt <= 1e-10);
     }
-    println!("{:?}", scheme.event_statistics());
+    println!("{:?}", scheme.statistics().events);
     let nodes = model.system.bounds.len();
     for (k, event) in events.iter().take(nodes).enumerate() {
         assert!(event.closes && (event.time - 0.025).abs() <= 1e-12, "{k}: {event:?}");

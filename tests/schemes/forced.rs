@@ -6,7 +6,7 @@ use rebond::linalg::{CellClass, Engine, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
 use rebond::scheme::{
-    Conserving, Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
+    Conserving, Damping, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Solution, Start, System,
     TimeDependence,
 };
 use rebond::simulation::Model;
@@ -201,9 +201,12 @@ fn midpoint_balances_work_and_damping() {
             worst = worst.max((energies.total() + lost - start).abs());
             given = given.max(energies.work.abs());
         }
-        println!("{element}, {damping:?}: {worst:.1e} J, {given} J, {lost} J, {:?}", scheme.relaxation());
+        println!(
+            "{element}, {damping:?}: {worst:.1e} J, {given} J, {lost} J, {:?}",
+            scheme.statistics().relaxation
+        );
         assert!(worst <= 1e-10 * given, "{element}, {damping:?}: {worst:e} J");
-        if let Some(relaxation) = scheme.relaxation() {
+        if let Some(relaxation) = scheme.statistics().relaxation {
             // A free step is a step of the midpoint rule; only changes by rounding are corrected.
             assert!(relaxation.relaxed_steps == 0);
             assert!((relaxation.least_gamma - 1.0).abs() <= 1e-6, "{relaxation:?}");
@@ -247,13 +250,14 @@ fn conserving_balances_work_and_damping_through_impacts() {
             scheme.advance().unwrap();
             let energies = scheme.energies().unwrap();
             scale = scale.max(energies.work.abs());
-            let balance = energies.total() + scheme.relaxation().unwrap().dissipated - start.total();
+            let balance =
+                energies.total() + scheme.statistics().relaxation.unwrap().dissipated - start.total();
             worst = worst.max(balance.abs() / scale);
             contacts += u32::from(scheme.reaction().iter().any(|r| *r != 0.0));
             assert!(bounds.violation(scheme.displacement()) <= 1e-12);
             assert!(scheme.step_report().kkt <= 1e-10);
         }
-        let relaxation = scheme.relaxation().unwrap();
+        let relaxation = scheme.statistics().relaxation.unwrap();
         println!("{element}, {step:e} s, {damping:?}: {worst:.1e}, {contacts} in contact, {relaxation:?}");
         assert!(worst <= 1e-11, "{element}, {step:e}, {damping:?}: {worst:e}");
         assert!(contacts > 10 && relaxation.relaxed_steps > 10, "{contacts}, {relaxation:?}");

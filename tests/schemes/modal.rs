@@ -8,7 +8,7 @@ use faer::{Mat, Side};
 use rebond::archive::Archive;
 use rebond::linalg::{Engine, Form};
 use rebond::scene::Scene;
-use rebond::scheme::{Event, Exact, ExactOptions, Scheme, Start};
+use rebond::scheme::{Event, Exact, ExactOptions, Scheme, Solution, Start};
 use rebond::simulation::{DeflectionDof, Model};
 
 /// Returns the paper's scene, or other tables in its place, with the modal mass.

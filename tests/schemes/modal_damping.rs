@@ -7,7 +7,7 @@ use crate::modal::{FreeFall, all_modes, dense, free_fall, modal_scene};
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 use rebond::linalg::Form;
-use rebond::scheme::{Exact, Scheme};
+use rebond::scheme::{Exact, Scheme, Solution};
 use rebond::simulation::Model;
 
 /// Returns the paper's plate that falls, with a damping table.

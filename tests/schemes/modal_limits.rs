@@ -8,7 +8,7 @@ use crate::modal::modal_scene;
 use rebond::archive::Archive;
 use rebond::linalg::{Engine, Native};
 use rebond::scene::{Scene, SchemeSpec};
-use rebond::scheme::{Exact, ExactOptions, Scheme, Start};
+use rebond::scheme::{Exact, ExactOptions, Scheme, Solution, Start};
 use rebond::simulation::Model;
 
 /// Numbers of dofs of the paper's plate with 10x4 cells, and of modes.
@@ -43,7 +43,7 @@ fn eigenvectors_by_changes_give_the_motion_of_an_independent_program() {
         }
         println!(
             "{element}: error {error:.1e} m, drift {drift:.1e}, residual {kkt:.1e}, {:?}",
-            scheme.event_statistics()
+            scheme.statistics().events
         );
         assert!(error <= 1e-9 && drift <= 1e-10 && kkt <= 1e-11, "{element}: {error:e}, {drift:e}, {kkt:e}");
     }

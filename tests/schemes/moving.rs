@@ -6,7 +6,7 @@ use crate::common::{block, difference};
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
 use rebond::scene::Scene;
-use rebond::scheme::{Damping, Newmark, NewmarkParameters, Scheme, Start, System, TimeDependence};
+use rebond::scheme::{Damping, Newmark, NewmarkParameters, Scheme, Solution, Start, System, TimeDependence};
 use rebond::simulation::Model;
 
 const MASS: f64 = 2.5;
@@ -224,13 +224,13 @@ fn conserving_balances_the_work_of_an_obstacle_that_shakes() {
         for _ in 0..(0.5 / step).round() as usize {
             scheme.advance().unwrap();
             let energies = scheme.energies().unwrap();
-            let balance = energies.total() + scheme.relaxation().unwrap().dissipated - start;
+            let balance = energies.total() + scheme.statistics().relaxation.unwrap().dissipated - start;
             worst = worst.max(balance.abs() / start.max(energies.work.abs()));
             contacts += u32::from(scheme.reaction().iter().any(|r| *r != 0.0));
             assert!(scheme.limits().violation(scheme.displacement()) <= 1e-12, "t = {}", scheme.time());
             assert!(scheme.step_report().kkt <= 1e-10);
         }
-        let (relaxation, work) = (scheme.relaxation().unwrap(), scheme.energies().unwrap().work);
+        let (relaxation, work) = (scheme.statistics().relaxation.unwrap(), scheme.energies().unwrap().work);
         println!("{element}, {step:e} s: {worst:.1e}, {work} J given, {contacts} in contact, {relaxation:?}");
         assert!(worst <= 1e-11, "{element}, {step:e}: {worst:e}");
         assert!(contacts > 5 && work.abs() > 0.1, "{contacts}, {work}");

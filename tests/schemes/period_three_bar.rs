@@ -18,8 +18,8 @@ use crate::common::block;
 use rebond::linalg::{CellClass, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
-    Conserving, Damping, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System,
-    TimeDependence,
+    Conserving, Damping, Exact, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Solution, Start,
+    System, TimeDependence,
 };
 
 /// Returns the exact position of the tip.
@@ -119,7 +119,7 @@ fn newmark_converges_and_its_invariant_never_rises() {
             error = error.max((scheme.displacement()[0] - tip(scheme.time())).abs());
             loss = loss.max((1.0 - scheme.energies().unwrap().total() / 0.125).abs());
         }
-        assert_eq!(scheme.factorisations(), 2);
+        assert_eq!(scheme.statistics().factorisations, 2);
         [error, 1.0 - invariant / 0.125, loss]
     });
     falls("Newmark, largest error of the tip", results.map(|r| r[0]), 1.4, 0.025);
@@ -266,7 +266,7 @@ fn the_exact_scheme_follows_a_hundred_periods_and_misses_no_bounce() {
         }
         println!(
             "{cells} cells: E0 {energy}, drift {drift:.1e}, {bounces} bounces, {:?}",
-            scheme.event_statistics()
+            scheme.statistics().events
         );
         assert!(drift <= 1e-10, "{cells} cells: {drift:e}");
         assert_eq!(bounces, seen, "{cells} cells");

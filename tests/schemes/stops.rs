@@ -7,8 +7,8 @@ use crate::common::scenes::{close, grid, run, run_to_end};
 use rebond::linalg::{CellClass, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
-    Conserving, Damping, Exact, LoadTerm, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start,
-    System, TimeDependence,
+    Conserving, Damping, Exact, LoadTerm, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Solution,
+    Start, System, TimeDependence,
 };
 use std::f64::consts::PI;
 

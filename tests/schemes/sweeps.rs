@@ -6,7 +6,7 @@ use crate::common::scenes::close;
 use rebond::linalg::{Engine, Form, Native};
 use rebond::lock_step::SharedModes;
 use rebond::scene::Scene;
-use rebond::scheme::{NewmarkParameters, Scheme, Start};
+use rebond::scheme::{NewmarkParameters, Solution, Start};
 use rebond::simulation::Model;
 use rebond::sweep::lyapunov::{Exponent, Neighbours};
 use rebond::sweep::{CarriedState, Direction, Measures, SweepRecord, SweepRow, conduct, repetition};

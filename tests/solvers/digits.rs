@@ -3,7 +3,7 @@
 use rebond::archive::Archive;
 use rebond::linalg::Engine;
 use rebond::scene::Scene;
-use rebond::scheme::{Conserving, Newmark, NewmarkParameters, Scheme};
+use rebond::scheme::{Conserving, Newmark, NewmarkParameters, Scheme, Solution};
 use rebond::simulation::Model;
 
 /// Largest change of a conserved energy, as a share of it.
@@ -48,12 +48,12 @@ fn digits_take_the_place_of_corrections_and_survive_an_archive() {
         let mut resumed: Vec<Conserving<_>> = Vec::new();
         let start = whole.energies().unwrap().total();
         let (mut drift, mut contact_steps, mut digits) = (0.0_f64, 0, None);
-        let before = whole.factorisations();
+        let before = whole.statistics().factorisations;
         for step in 1..=300 {
             whole.advance().unwrap();
             assert!(whole.step_report().kkt <= 1e-10);
             contact_steps += u32::from(whole.reaction().iter().any(|r| *r != 0.0));
-            if contact_steps == 0 && whole.factorisations() > before {
+            if contact_steps == 0 && whole.statistics().factorisations > before {
                 digits.get_or_insert(step);
             }
             drift = drift.max((whole.energies().unwrap().total() / start - 1.0).abs());

@@ -4,7 +4,7 @@
 use rebond::archive::Archive;
 use rebond::linalg::Engine;
 use rebond::scene::Scene;
-use rebond::scheme::{Newmark, NewmarkParameters, Scheme};
+use rebond::scheme::{Newmark, NewmarkParameters, Scheme, Solution};
 use rebond::simulation::Model;
 
 /// Largest rise of the invariant, as a share of the initial energy.

@@ -11,7 +11,9 @@ use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::scheme::{Approach, Event, EventStatistics, Scheme, StepBalance, StepRecord};
+use crate::scheme::{
+    Approach, Event, EventStatistics, Scheme, Solution, Statistics, StepBalance, StepRecord,
+};
 use crate::vi::BoundStatus;
 use faer::Mat;
 
@@ -164,6 +166,47 @@ impl<E: Engine> Exact<'_, E> {
     }
 }
 
+impl<E: Engine> Solution for Exact<'_, E> {
+    /// Returns the record of the last step. Its reactions are those of the present instant, and its
+    /// impulses the integrals of the reactions, in closed form from event to event.
+    fn record(&self) -> &StepRecord {
+        &self.record
+    }
+
+    fn displacement(&self) -> &[f64] {
+        &self.shape().displacement
+    }
+
+    fn velocity(&mut self) -> Result<Vec<f64>> {
+        let ReducedModel { lift, flexibility, .. } = &self.reduction;
+        let modes = &self.motion.modes;
+        let touching = |i: usize| modes.sides[i] != BoundStatus::Free;
+        let forces =
+            Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
+        let rates = lift * (&modes.spectrum.vectors * modes.coordinates(&self.state).get(.., 1..))
+            + flexibility * forces;
+        Ok(rates.col_as_slice(0).to_vec())
+    }
+
+    fn limits(&self) -> &Bounds {
+        &self.system.bounds
+    }
+
+    fn energies(&self) -> Result<Energies> {
+        if self.reach.is_some() {
+            return self.modal_energies();
+        }
+        let Shape { displacement, velocity, .. } = self.shape();
+        let elastic = self.system.force(displacement, &mut vec![0.0; displacement.len()])?;
+        let kinetic = 0.5 * self.system.engine.mass_norm_squared(&self.system.mass, velocity)?;
+        Ok(Energies { kinetic, elastic, work: self.system.work(displacement)? })
+    }
+
+    fn approach(&self, bound: usize) -> Approach {
+        self.touches[bound]
+    }
+}
+
 impl<E: Engine> Scheme for Exact<'_, E> {
     fn advance(&mut self) -> Result<()> {
         let before = self.shapes_due();
@@ -223,45 +266,6 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         Ok(())
     }
 
-    /// Returns the record of the last step. Its reactions are those of the present instant, and its
-    /// impulses the integrals of the reactions, in closed form from event to event.
-    fn record(&self) -> &StepRecord {
-        &self.record
-    }
-
-    fn displacement(&self) -> &[f64] {
-        &self.shape().displacement
-    }
-
-    fn velocity(&mut self) -> Result<Vec<f64>> {
-        let ReducedModel { lift, flexibility, .. } = &self.reduction;
-        let modes = &self.motion.modes;
-        let touching = |i: usize| modes.sides[i] != BoundStatus::Free;
-        let forces =
-            Mat::from_fn(modes.sides.len(), 1, |i, _| if touching(i) { self.watched[(i, 1)] } else { 0.0 });
-        let rates = lift * (&modes.spectrum.vectors * modes.coordinates(&self.state).get(.., 1..))
-            + flexibility * forces;
-        Ok(rates.col_as_slice(0).to_vec())
-    }
-
-    fn limits(&self) -> &Bounds {
-        &self.system.bounds
-    }
-
-    fn energies(&self) -> Result<Energies> {
-        if self.reach.is_some() {
-            return self.modal_energies();
-        }
-        let Shape { displacement, velocity, .. } = self.shape();
-        let elastic = self.system.force(displacement, &mut vec![0.0; displacement.len()])?;
-        let kinetic = 0.5 * self.system.engine.mass_norm_squared(&self.system.mass, velocity)?;
-        Ok(Energies { kinetic, elastic, work: self.system.work(displacement)? })
-    }
-
-    fn approach(&self, bound: usize) -> Approach {
-        self.touches[bound]
-    }
-
     /// Returns the balance at the instant.
     fn balance(&mut self) -> Result<StepBalance> {
         let Shape { displacement, acceleration, .. } = self.shape();
@@ -299,20 +303,18 @@ impl<E: Engine> Scheme for Exact<'_, E> {
         self.search.archive(&self.motion, archive)
     }
 
-    fn factorisations(&self) -> u64 {
-        self.cache.computed
-    }
-
     fn take_events(&mut self) -> Vec<Event> {
         std::mem::take(&mut self.events)
     }
 
-    fn event_statistics(&self) -> Option<EventStatistics> {
-        Some(EventStatistics {
-            active_sets: self.cache.computed,
+    fn statistics(&self) -> Statistics {
+        let factorisations = self.cache.computed;
+        let events = EventStatistics {
+            active_sets: factorisations,
             cached_bytes: self.cache.peak,
             evaluations: self.statistics.evaluations + self.search.evaluations,
             ..self.statistics
-        })
+        };
+        Statistics { factorisations, relaxation: None, events: Some(events) }
     }
 }

@@ -22,7 +22,9 @@ use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::scheme::sliding::Sliding;
 use crate::scheme::state::{State, SupportVelocities};
-use crate::scheme::{Approach, Friction, Potential, Scheme, Start, StepBalance, StepRecord, System};
+use crate::scheme::{
+    Approach, Friction, Potential, Scheme, Solution, Start, Statistics, StepBalance, StepRecord, System,
+};
 use crate::vi::{Condensed, Solver};
 use std::rc::Rc;
 
@@ -134,48 +136,11 @@ impl<'s, E: Engine> Midpoint<'s, E> {
     }
 }
 
-impl<E: Engine> Scheme for Midpoint<'_, E> {
-    fn advance(&mut self) -> Result<()> {
-        let Midpoint { rule, now, next, record, .. } = self;
-        let time = record.time();
-        record.begin_step();
-        record.report = rule.solve(now, time)?;
-        match &mut self.potential {
-            None => {
-                rule.update(now, 1.0, next);
-                rule.instants.reach(now, time, 1.0, &mut next.instant)?;
-                next.update_energies(self.system)?;
-            }
-            Some(potential) => {
-                let mut line = potential.line(now, rule, time)?;
-                line.at(1.0, next)?;
-                record.report = record.report.and(line.report);
-            }
-        }
-        record.reaction.copy_from_slice(&rule.driver.reaction);
-        rule.restrict_midpoint(now, &mut record.admissible);
-        record.add_impulses(rule.dt);
-        self.midpoints.rotate_right(1);
-        self.midpoints[0].copy_from_slice(&record.admissible);
-        self.work += rule.work(now, next)?;
-        std::mem::swap(now, next);
-        self.work += now.follow_supports(self.system, &self.support_velocities, record.time())?;
-        if let Some(balance) = &mut self.balance {
-            // The state before the step is in `next` now.
-            *balance = rule.balance(&next.u, time)?;
-            balance.change_frame(rule.dt, [&next.frame_rates, &now.frame_rates], &self.support_velocities);
-        }
-        Ok(())
-    }
-
+impl<E: Engine> Solution for Midpoint<'_, E> {
     /// Returns the record of the last step. Its reactions are the mean over that step; at the start
     /// they are those at `$U^0$`, or zero with [`Massless::Reflected`].
     fn record(&self) -> &StepRecord {
         &self.record
-    }
-
-    fn friction(&self) -> Vec<Friction> {
-        self.rule.driver.sliding.as_ref().map_or(Vec::new(), |sliding| sliding.friction(0))
     }
 
     fn displacement(&self) -> &[f64] {
@@ -230,6 +195,45 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         let time = (self.record.step as f64 - 1.5) * dt;
         Approach { time, deflection: last[bound], velocity: (last[bound] - before[bound]) / dt }
     }
+}
+
+impl<E: Engine> Scheme for Midpoint<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        let Midpoint { rule, now, next, record, .. } = self;
+        let time = record.time();
+        record.begin_step();
+        record.report = rule.solve(now, time)?;
+        match &mut self.potential {
+            None => {
+                rule.update(now, 1.0, next);
+                rule.instants.reach(now, time, 1.0, &mut next.instant)?;
+                next.update_energies(self.system)?;
+            }
+            Some(potential) => {
+                let mut line = potential.line(now, rule, time)?;
+                line.at(1.0, next)?;
+                record.report = record.report.and(line.report);
+            }
+        }
+        record.reaction.copy_from_slice(&rule.driver.reaction);
+        rule.restrict_midpoint(now, &mut record.admissible);
+        record.add_impulses(rule.dt);
+        self.midpoints.rotate_right(1);
+        self.midpoints[0].copy_from_slice(&record.admissible);
+        self.work += rule.work(now, next)?;
+        std::mem::swap(now, next);
+        self.work += now.follow_supports(self.system, &self.support_velocities, record.time())?;
+        if let Some(balance) = &mut self.balance {
+            // The state before the step is in `next` now.
+            *balance = rule.balance(&next.u, time)?;
+            balance.change_frame(rule.dt, [&next.frame_rates, &now.frame_rates], &self.support_velocities);
+        }
+        Ok(())
+    }
+
+    fn friction(&self) -> Vec<Friction> {
+        self.rule.driver.sliding.as_ref().map_or(Vec::new(), |sliding| sliding.friction(0))
+    }
 
     /// Keeps the balance at the start: that of [`Massless::Equilibrium`] at `$U^0$`, or of the
     /// plate at rest there.
@@ -262,7 +266,9 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         self.potential.as_mut().map_or(Ok(()), |potential| potential.archive(archive))
     }
 
-    fn factorisations(&self) -> u64 {
-        self.rule.driver.factorisations() + self.potential.as_ref().map_or(0, Potential::factorisations)
+    fn statistics(&self) -> Statistics {
+        let of_corrector = self.potential.as_ref().map_or(0, Potential::factorisations);
+        let factorisations = self.rule.driver.factorisations() + of_corrector;
+        Statistics { factorisations, ..Statistics::default() }
     }
 }

@@ -20,7 +20,7 @@ use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
-use crate::scheme::{NewmarkParameters, Scheme, StepBalance};
+use crate::scheme::{NewmarkParameters, Solution, StepBalance};
 
 impl<E: Engine> ModalScheme<'_, E> {
     /// Begins to keep the balance.

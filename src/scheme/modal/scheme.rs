@@ -13,7 +13,7 @@ use crate::linalg::Engine;
 use crate::linalg::vectors::axpy;
 use crate::obstacle::Bounds;
 use crate::scheme::relaxation::SAME_TIME;
-use crate::scheme::{Approach, RelaxationStatistics, Scheme, StepBalance, StepRecord};
+use crate::scheme::{Approach, Scheme, Solution, Statistics, StepBalance, StepRecord};
 use crate::vi::{BoundStatus, ComplianceSolver, StepReport};
 use std::rc::Rc;
 
@@ -206,22 +206,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     }
 }
 
-impl<E: Engine> Scheme for ModalScheme<'_, E> {
-    fn advance(&mut self) -> Result<()> {
-        self.begin_record();
-        match self.implicit.rule {
-            StepRule::Splitting => self.advance_exactly(),
-            StepRule::Midpoint => {
-                self.begin_mean();
-                self.midpoint_step(self.record.time())?;
-                self.add_impulses(self.record.dt);
-                self.show();
-                Ok(())
-            }
-            StepRule::Newmark(parameters) => self.newmark_step(parameters),
-        }
-    }
-
+impl<E: Engine> Solution for ModalScheme<'_, E> {
     /// Returns the record of the last step. Its bounded configuration is that of the reported
     /// state, and its reactions are the mean over the last dt; at the start they are those at rest.
     /// For the Newmark scheme both are those of the step from the instant.
@@ -296,6 +281,23 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
     fn approach(&self, bound: usize) -> Approach {
         self.free[bound]
     }
+}
+
+impl<E: Engine> Scheme for ModalScheme<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        self.begin_record();
+        match self.implicit.rule {
+            StepRule::Splitting => self.advance_exactly(),
+            StepRule::Midpoint => {
+                self.begin_mean();
+                self.midpoint_step(self.record.time())?;
+                self.add_impulses(self.record.dt);
+                self.show();
+                Ok(())
+            }
+            StepRule::Newmark(parameters) => self.newmark_step(parameters),
+        }
+    }
 
     fn keep_balance(&mut self) -> Result<()> {
         self.begin_balance();
@@ -319,15 +321,15 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
         self.save_or_restore(archive)
     }
 
-    fn factorisations(&self) -> u64 {
-        self.contact.factorisations + self.implicit.contact.factorisations
+    fn statistics(&self) -> Statistics {
+        Statistics {
+            factorisations: self.contact.factorisations + self.implicit.contact.factorisations,
+            relaxation: (self.implicit.rule == StepRule::Splitting).then_some(self.relaxation),
+            events: None,
+        }
     }
 
     fn take_compliance_seconds(&mut self) -> f64 {
         std::mem::take(&mut self.compliance_seconds)
-    }
-
-    fn relaxation(&self) -> Option<RelaxationStatistics> {
-        (self.implicit.rule == StepRule::Splitting).then_some(self.relaxation)
     }
 }

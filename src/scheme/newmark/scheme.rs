@@ -10,7 +10,9 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
 use crate::scheme::step_driver::{Formulas, StepDriver};
-use crate::scheme::{Approach, Friction, Scheme, Start, StepBalance, StepRecord, System};
+use crate::scheme::{
+    Approach, Friction, Scheme, Solution, Start, Statistics, StepBalance, StepRecord, System,
+};
 use crate::vi::{Condensed, Solver};
 use std::cell::RefCell;
 
@@ -111,26 +113,9 @@ impl<'s, E: Engine> Newmark<'s, E> {
     }
 }
 
-impl<E: Engine> Scheme for Newmark<'_, E> {
-    fn advance(&mut self) -> Result<()> {
-        self.record.step += 1;
-        self.levels.shift(&self.driver.x, (self.record.step + 1) as f64 * self.record.dt)?;
-        self.levels.force.elastic.into_iter().for_each(|energy| self.driver.note_energy(energy));
-        self.driver.solve(&mut self.levels)?;
-        self.driver.report_to(&self.levels, &mut self.record);
-        self.record.end_step(&self.driver.reaction);
-        self.levels.force.add(self.driver.stiffness_product());
-        self.levels.store(&self.record.admissible, self.driver.sliding.as_ref())?;
-        self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)
-    }
-
+impl<E: Engine> Solution for Newmark<'_, E> {
     fn record(&self) -> &StepRecord {
         &self.record
-    }
-
-    /// Returns the forces of the step from the instant, and the energies dissipated up to it.
-    fn friction(&self) -> Vec<Friction> {
-        self.driver.sliding.as_ref().map_or(Vec::new(), |sliding| sliding.friction(1))
     }
 
     fn displacement(&self) -> &[f64] {
@@ -171,6 +156,25 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         // U^{-1} is a ghost value, not a displacement that occurred.
         let velocity = if self.record.step == 0 { v0[bound] } else { d_n[dof] / self.record.dt };
         Approach { time: self.record.time(), deflection: u_n[dof], velocity }
+    }
+}
+
+impl<E: Engine> Scheme for Newmark<'_, E> {
+    fn advance(&mut self) -> Result<()> {
+        self.record.step += 1;
+        self.levels.shift(&self.driver.x, (self.record.step + 1) as f64 * self.record.dt)?;
+        self.levels.force.elastic.into_iter().for_each(|energy| self.driver.note_energy(energy));
+        self.driver.solve(&mut self.levels)?;
+        self.driver.report_to(&self.levels, &mut self.record);
+        self.record.end_step(&self.driver.reaction);
+        self.levels.force.add(self.driver.stiffness_product());
+        self.levels.store(&self.record.admissible, self.driver.sliding.as_ref())?;
+        self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)
+    }
+
+    /// Returns the forces of the step from the instant, and the energies dissipated up to it.
+    fn friction(&self) -> Vec<Friction> {
+        self.driver.sliding.as_ref().map_or(Vec::new(), |sliding| sliding.friction(1))
     }
 
     /// Returns the balance of the equation of the step from `$U^n$`, which is that of the instant
@@ -215,7 +219,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.driver.archive(archive)
     }
 
-    fn factorisations(&self) -> u64 {
-        self.driver.factorisations()
+    fn statistics(&self) -> Statistics {
+        Statistics { factorisations: self.driver.factorisations(), ..Statistics::default() }
     }
 }

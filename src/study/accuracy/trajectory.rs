@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::difference;
 use crate::scene::{Horizon, Scene};
-use crate::scheme::Scheme;
+use crate::scheme::{Scheme, Solution};
 use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
 use serde::{Deserialize, Serialize};
 
@@ -39,7 +39,7 @@ impl Observer for TrajectoryRecorder {
         Ok(())
     }
 
-    fn state(&mut self, scheme: &dyn Scheme) -> Result<()> {
+    fn state(&mut self, scheme: &dyn Solution) -> Result<()> {
         if self.keep_fields {
             self.trajectory.fields.push(scheme.displacement().to_vec());
         }
