@@ -126,12 +126,12 @@ impl<const N: usize> LaneContacts<N> {
 
     /// Exchanges the bounds that violate a condition. Returns the chosen lanes that have some.
     #[inline(always)]
-    fn exchange(&self, mut sides: [Lanes; N], at: &LaneReactions<N>) -> ([Lanes; N], LaneMask) {
-        let largest = at.reaction.iter().fold(ZERO, |largest, r| largest.max(r.abs()));
+    fn exchange(&self, mut sides: [Lanes; N], answer: &LaneReactions<N>) -> ([Lanes; N], LaneMask) {
+        let largest = answer.reaction.iter().fold(ZERO, |largest, r| largest.max(r.abs()));
         let rounding = (SIGN_ROUNDINGS * f64::EPSILON) * largest;
         let mut exchanged = LaneMask::default();
         for i in 0..N {
-            let (side, x, r) = (sides[i], at.x[i], at.reaction[i]);
+            let (side, x, r) = (sides[i], answer.x[i], answer.reaction[i]);
             let (lower, upper) = (self.lower[i], self.upper[i]);
             let is_free = !ZERO.is_below(side * side) & self.chosen;
             let (below, above) = (is_free & x.is_below(lower), is_free & upper.is_below(x));
@@ -178,14 +178,14 @@ mod tests {
             let solved = problem.solve(&mut sides);
             exchanges += solved.iterations.sum();
             for (lane, solver) in solvers.iter_mut().enumerate() {
-                let of = |vector: &[Lanes; N]| vector.map(|lanes| lanes.0[lane]);
+                let lane_of = |vector: &[Lanes; N]| vector.map(|lanes| lanes.0[lane]);
                 let (mut x, mut reaction) = ([0.0; N], [0.0; N]);
-                let (lower, upper) = (of(&problem.lower), of(&problem.upper));
+                let (lower, upper) = (lane_of(&problem.lower), lane_of(&problem.upper));
                 let (free, lower, upper) = (&[0.0; N], &lower, &upper);
                 let alone = ComplianceProblem { compliance: &compliance, free, lower, upper, laws: None };
                 solver.solve(alone, &mut x, &mut reaction);
                 if lane == 3 {
-                    assert_eq!(of(&solved.reaction), [0.0; N]);
+                    assert_eq!(lane_of(&solved.reaction), [0.0; N]);
                     continue;
                 }
                 assert!(!solved.unsolved.holds(lane) && solved.residual.0[lane] < 1e-12);

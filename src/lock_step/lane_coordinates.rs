@@ -33,8 +33,8 @@ impl LaneCoordinates<'_> {
         let (z, d) = (&self.z[..count], &self.d[..count]);
         let (d_next, z_next) = (&mut self.d_next[..count], &mut self.z_next[..count]);
         let mut sum = ZERO;
-        for (j, of) in equations.iter().enumerate() {
-            let x = of.inverse * ((d_next[j] - of.decay * d[j]) - of.stiffness * z[j]);
+        for (j, equation) in equations.iter().enumerate() {
+            let x = equation.inverse * ((d_next[j] - equation.decay * d[j]) - equation.stiffness * z[j]);
             let increment = d[j] + x;
             d_next[j] = increment;
             z_next[j] = z[j] + increment;
@@ -70,12 +70,12 @@ impl LaneCoordinates<'_> {
         let reactions: [Lanes; N] = std::array::from_fn(|i| reactions[i]);
         let z = &self.z[..count];
         let (d_next, z_next) = (&mut self.d_next[..count], &mut self.z_next[..count]);
-        for (j, of) in modes.iter().enumerate() {
+        for (j, equation) in modes.iter().enumerate() {
             let mut force = ZERO;
             for (row, r) in rows.iter().zip(&reactions) {
                 force += row[j] * *r;
             }
-            let increment = d_next[j] + (part * of.inverse) * force;
+            let increment = d_next[j] + (part * equation.inverse) * force;
             d_next[j] = increment;
             z_next[j] = z[j] + increment;
         }
@@ -85,9 +85,9 @@ impl LaneCoordinates<'_> {
     /// `first` one on.
     #[inline(always)]
     pub fn push_each(&mut self, first: usize, equations: &[Coordinate], part: f64, reactions: &[Lanes]) {
-        for (i, (of, r)) in equations.iter().zip(reactions).enumerate() {
+        for (i, (equation, r)) in equations.iter().zip(reactions).enumerate() {
             let j = first + i;
-            self.d_next[j] += (part * of.inverse) * *r;
+            self.d_next[j] += (part * equation.inverse) * *r;
             self.z_next[j] = self.z[j] + self.d_next[j];
         }
     }

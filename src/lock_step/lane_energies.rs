@@ -19,12 +19,12 @@ impl ModeRuns<'_> {
     /// [`ModeLane`](super::ModeLane) come from the matrices instead, at a much higher cost.
     pub fn energies(&self) -> Vec<Energies> {
         let LaneEnergies { kinetic, elastic, work } = self.levels.energies();
-        let own = |(lane, start): (usize, &f64)| Energies {
+        let energies = |(lane, start): (usize, &f64)| Energies {
             kinetic: kinetic.0[lane],
             elastic: elastic.0[lane],
             work: start + work.0[lane],
         };
-        self.starts.iter().map(|start| &start.work).enumerate().map(own).collect()
+        self.starts.iter().map(|start| &start.work).enumerate().map(energies).collect()
     }
 }
 
@@ -38,21 +38,21 @@ impl LaneLevels {
         let Equations { parameters, massless, modes, coordinates, rows, .. } = equations;
         let half_rate = 0.5 / parameters.step;
         let (mut kinetic, mut elastic) = (ZERO, ZERO);
-        for (j, of) in coordinates[..*modes].iter().enumerate() {
+        for (j, coordinate) in coordinates[..*modes].iter().enumerate() {
             let v = half_rate * (d[j] + d_next[j]);
             kinetic += 0.5 * (v * v);
-            elastic += (0.5 * of.stiffness) * (z[j] * z[j]);
+            elastic += (0.5 * coordinate.stiffness) * (z[j] * z[j]);
         }
         // A massless part that follows reactions and loads stores the work that they do on it.
         let mut stored = ZERO;
         if *massless != MasslessPart::None {
             let (reactions, others) = z[*modes..].split_at(rows.len());
-            for ((row, own), r) in rows.iter().zip(&data.rows).zip(reactions) {
+            for ((row, varied), r) in rows.iter().zip(&data.rows).zip(reactions) {
                 elastic += 0.5 * (*r * along(&row[*modes..], &[], reactions));
-                stored += *r * along(&[], own, others);
+                stored += *r * along(&[], varied, others);
             }
-            for (row, of) in data.stiffness.iter().zip(others) {
-                stored += 0.5 * (*of * along(&[], row, others));
+            for (row, weight) in data.stiffness.iter().zip(others) {
+                stored += 0.5 * (*weight * along(&[], row, others));
             }
         }
         let constant = &data.forces[0];

@@ -181,9 +181,9 @@ impl LaneLevels {
             }
             _ => ZERO,
         };
-        for (j, (of, z)) in coordinates.iter().zip(&*z).enumerate() {
+        for (j, (coordinate, z)) in coordinates.iter().zip(&*z).enumerate() {
             let force = force_on(j) + (2.0 / dt) * launch.of_mode(j);
-            d_next[j] = 0.5 * (of.inverse * (force - of.stiffness * *z));
+            d_next[j] = 0.5 * (coordinate.inverse * (force - coordinate.stiffness * *z));
         }
         let mut travels: Vec<Lanes> = launch.bounded.iter().map(|velocity| (2.0 * dt) * *velocity).collect();
         if *massless == MasslessPart::Follows {
@@ -286,7 +286,7 @@ impl LaneLevels {
     /// Solves for the reactions on chosen systems, whose bounded configuration moves by a share of
     /// the unknown.
     fn solve_contacts(&mut self, chosen: LaneMask, share: f64) {
-        let left = match self.response.len() {
+        let unsolved = match self.response.len() {
             1 => self.solve_contacts_at_once::<1>(chosen, share),
             2 => self.solve_contacts_at_once::<2>(chosen, share),
             3 => self.solve_contacts_at_once::<3>(chosen, share),
@@ -297,7 +297,7 @@ impl LaneLevels {
                 chosen
             }
         };
-        for lane in (0..self.systems).filter(|&lane| left.holds(lane)) {
+        for lane in (0..self.systems).filter(|&lane| unsolved.holds(lane)) {
             self.solve_contact(lane, share);
         }
     }
@@ -307,7 +307,7 @@ impl LaneLevels {
     fn solve_contacts_at_once<const N: usize>(&mut self, chosen: LaneMask, share: f64) -> LaneMask {
         let LaneLevels { equations, data, u, response, admissible, reaction, sides, arch, .. } = self;
         let (kkt, exchanges) = (&mut self.kkt, &mut self.exchanges);
-        let mut left = chosen;
+        let mut remaining = chosen;
         widest(
             *arch,
             #[inline(always)]
@@ -338,10 +338,10 @@ impl LaneLevels {
                 let of_contact = ZERO.is_below(residual).pick(residual / largest, ZERO) + 0.0 * sum;
                 *kkt += solved.pick(of_contact, ZERO);
                 *exchanges = solved.pick(iterations, ZERO);
-                left = unsolved;
+                remaining = unsolved;
             },
         );
-        left
+        remaining
     }
 
     /// Solves for the reactions on one system, whose bounded configuration moves by a share of the
@@ -363,8 +363,8 @@ impl LaneLevels {
             kkt.0[lane] += if solver.residual == 0.0 { 0.0 } else { solver.residual / largest };
             exchanges.0[lane] = f64::from(solver.iterations);
         }
-        for (own, side) in self.sides.iter_mut().zip(&solver.sides) {
-            own.0[lane] = match side {
+        for (last, side) in self.sides.iter_mut().zip(&solver.sides) {
+            last.0[lane] = match side {
                 BoundStatus::Lower => -1.0,
                 BoundStatus::Free => 0.0,
                 BoundStatus::Upper => 1.0,

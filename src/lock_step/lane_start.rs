@@ -40,8 +40,9 @@ impl LaneStart {
         modes.project(displacement, &mut q);
         modes.project(velocity, &mut v);
         let bounds = &system.bounds;
-        let of_modes = |of: &[f64]| (0..rows.ncols()).map(|i| dot(rows.col_as_slice(i), of)).collect();
-        let mut own = LaneStart {
+        let of_modes =
+            |values: &[f64]| (0..rows.ncols()).map(|i| dot(rows.col_as_slice(i), values)).collect();
+        let mut lane_start = LaneStart {
             bounded_velocity: match massless {
                 MasslessPart::Swings => bounds.dofs.iter().map(|&dof| velocity[dof]).collect(),
                 _ => of_modes(&v),
@@ -59,28 +60,28 @@ impl LaneStart {
             MasslessPart::Follows => {
                 let limits = &loads.limits;
                 let shift = loads.shift(&data);
-                let free: Vec<f64> = of_modes(&own.q);
+                let free: Vec<f64> = of_modes(&lane_start.q);
                 let free: Vec<f64> = free.iter().zip(&shift).map(|(q, shift)| q + shift).collect();
                 let mut x = free.clone();
                 let problem = model.problem(&free, &limits.lower, &limits.upper);
-                ComplianceSolver::new(free.len()).solve(problem, &mut x, &mut own.reaction);
+                ComplianceSolver::new(free.len()).solve(problem, &mut x, &mut lane_start.reaction);
                 let every: Vec<usize> = (0..free.len()).collect();
-                own.work = loads.work(&data, &own.q, &every, &own.reaction)
+                lane_start.work = loads.work(&data, &lane_start.q, &every, &lane_start.reaction)
                     - loads.elastic(&data)
-                    - dot(&own.reaction, &shift)
-                    - dot(loads.constant_force(), &own.q);
+                    - dot(&lane_start.reaction, &shift)
+                    - dot(loads.constant_force(), &lane_start.q);
             }
             MasslessPart::Swings => {
-                own.massless = displacement.clone();
-                for (k, q) in own.q.iter().enumerate() {
-                    axpy(-q, modes.shapes.col_as_slice(k), &mut own.massless);
+                lane_start.massless = displacement.clone();
+                for (k, q) in lane_start.q.iter().enumerate() {
+                    axpy(-q, modes.shapes.col_as_slice(k), &mut lane_start.massless);
                 }
                 let mut response = vec![0.0; displacement.len()];
                 loads.add_response(&data, &mut response);
-                axpy(-1.0, &response, &mut own.massless);
+                axpy(-1.0, &response, &mut lane_start.massless);
             }
         }
-        own
+        lane_start
     }
 }
 

@@ -33,8 +33,8 @@ pub(super) struct LoadLaws<'s> {
 impl<'s> LoadLaws<'s> {
     /// Finds the laws that lanes have in common with each other, and with runs before. All runs
     /// have steps of `dt` seconds.
-    pub fn new(systems: &[&'s System<Native>], dt: f64, known: &KnownFactors) -> LoadLaws<'s> {
-        let mut of_laws = known.of_laws.borrow_mut();
+    pub fn new(systems: &[&'s System<Native>], dt: f64, factors: &KnownFactors) -> LoadLaws<'s> {
+        let mut of_laws = factors.of_laws.borrow_mut();
         let mut kept = |law: &String| of_laws.entry((law.clone(), dt.to_bits())).or_default().clone();
         let mut law = |term: &'s LoadTerm| (term, term.law.as_ref().map(&mut kept));
         let of_lanes = systems.iter().map(|system| system.drive.terms.iter().map(&mut law).collect());

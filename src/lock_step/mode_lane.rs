@@ -30,7 +30,7 @@ impl<'r, 's> ModeLane<'r, 's> {
     /// Shows one of the runs.
     fn new(runs: &'r mut ModeRuns<'s>, lane: usize) -> ModeLane<'r, 's> {
         let levels = &runs.levels;
-        let each = |of: &[Lanes]| -> Vec<f64> { of.iter().map(|values| values.0[lane]).collect() };
+        let each = |lanes: &[Lanes]| -> Vec<f64> { lanes.iter().map(|values| values.0[lane]).collect() };
         let (before, reaction) = (each(&levels.reaction_before), each(&levels.reaction));
         let impulses = before.iter().zip(&reaction).map(|(before, now)| 0.5 * runs.dt * (before + now));
         let record = StepRecord {

@@ -53,8 +53,9 @@ impl<'s> SharedModes<'s> {
         starts: &[Start],
     ) -> Result<ModeRuns<'s>> {
         let shared = self;
-        let loads =
-            systems.iter().map(|system| ModalLoads::new(system, &shared.modes, &shared.saddle, &shared.all));
+        let loads = systems
+            .iter()
+            .map(|system| ModalLoads::new(system, &shared.modes, &shared.saddle, &shared.global));
         let loads: Vec<ModalLoads> = loads.collect::<Result<_>>()?;
         let laws = LoadLaws::new(systems, parameters.step, &shared.factors);
         let terms = laws.count();
@@ -110,7 +111,7 @@ impl<'s> ModeRuns<'s> {
     /// last step, one per run; `None` where no run is in contact.
     pub(crate) fn contacts(&self) -> Option<[Lanes; 2]> {
         let LaneLevels { presses, reaction, reaction_before, .. } = &self.levels;
-        if !presses.iter().any(|of| of.any()) {
+        if !presses.iter().any(|mask| mask.any()) {
             return None;
         }
         let half = 0.5 * self.dt;
@@ -126,20 +127,20 @@ impl<'s> ModeRuns<'s> {
     pub(super) fn vector(&self, lane: usize, coordinate: impl Fn(usize) -> f64) -> Vec<f64> {
         let SharedModes { system, modes, massless, model, .. } = self.shared;
         let mut u = vec![0.0; system.engine.dofs()];
-        let mut at = modes.count();
-        (0..at).for_each(|k| axpy(coordinate(k), modes.shapes.col_as_slice(k), &mut u));
+        let mut place = modes.count();
+        (0..place).for_each(|k| axpy(coordinate(k), modes.shapes.col_as_slice(k), &mut u));
         if *massless == MasslessPart::None {
             return u;
         }
         for column in &model.flexibility {
-            axpy(coordinate(at), column, &mut u);
-            at += 1;
+            axpy(coordinate(place), column, &mut u);
+            place += 1;
         }
         let terms = self.levels.factors[1].len();
-        let factors = (at..at + self.loads[lane].count()).map(&coordinate).collect();
+        let factors = (place..place + self.loads[lane].count()).map(&coordinate).collect();
         self.loads[lane].add_response(&ModalData { factors, ..ModalData::default() }, &mut u);
         if *massless == MasslessPart::Swings {
-            axpy(coordinate(at + terms), &self.starts[lane].massless, &mut u);
+            axpy(coordinate(place + terms), &self.starts[lane].massless, &mut u);
         }
         u
     }
@@ -161,20 +162,20 @@ impl<'s> ModeRuns<'s> {
     fn dof_row(&self, dof: usize) -> DofRow {
         let SharedModes { modes, massless, model, .. } = self.shared;
         let mut shared: Vec<f64> = (0..modes.count()).map(|k| modes.shapes[(dof, k)]).collect();
-        let mut own: Vec<Lanes> = Vec::new();
+        let mut varied: Vec<Lanes> = Vec::new();
         if *massless != MasslessPart::None {
             shared.extend(model.flexibility.iter().map(|column| column[dof]));
             let terms = self.levels.factors[1].len();
             let response = |load: usize| {
                 each(|k| self.loads.get(k).map_or(0.0, |loads| entry(&loads.responses, dof, load)))
             };
-            own.extend((0..terms).map(response));
+            varied.extend((0..terms).map(response));
         }
         if *massless == MasslessPart::Swings {
-            own.push(each(|k| self.starts.get(k).map_or(0.0, |start| start.massless[dof])));
+            varied.push(each(|k| self.starts.get(k).map_or(0.0, |start| start.massless[dof])));
         }
-        let deflections = along(&shared, &own, &self.levels.z);
-        DofRow { shared, own, deflections, step: self.step }
+        let deflections = along(&shared, &varied, &self.levels.z);
+        DofRow { shared, own: varied, deflections, step: self.step }
     }
 }
 
@@ -185,8 +186,8 @@ fn gathered_starts(
     factors: &[Lanes],
     lanes: &[LaneStart],
 ) -> (Vec<Lanes>, Launch) {
-    let gathered = |of: &dyn Fn(&LaneStart) -> &[f64], count: usize| -> Vec<Lanes> {
-        (0..count).map(|j| each(|k| lanes.get(k).map_or(0.0, |lane| of(lane)[j]))).collect()
+    let gathered = |vector: &dyn Fn(&LaneStart) -> &[f64], count: usize| -> Vec<Lanes> {
+        (0..count).map(|j| each(|k| lanes.get(k).map_or(0.0, |lane| vector(lane)[j]))).collect()
     };
     let modes = shared.modes.count();
     let mut z = gathered(&|lane| &lane.q, modes);
@@ -215,8 +216,8 @@ fn lane_data(
     let bounded = &shared.system.bounds.dofs;
     let (has_massless, swings) =
         (shared.massless != MasslessPart::None, shared.massless == MasslessPart::Swings);
-    let of_load = |of: &dyn Fn(&ModalLoads) -> &Mat<f64>, row: usize, load: usize| {
-        each(|k| loads.get(k).map_or(0.0, |loads| entry(of(loads), row, load)))
+    let of_load = |matrix: &dyn Fn(&ModalLoads) -> &Mat<f64>, row: usize, load: usize| {
+        each(|k| loads.get(k).map_or(0.0, |loads| entry(matrix(loads), row, load)))
     };
     let start_at = |dof: usize| each(|k| lanes.get(k).map_or(0.0, |lane| lane.massless[dof]));
     let row = |i: usize| {
@@ -230,10 +231,10 @@ fn lane_data(
         row
     };
     let on_start = |load: usize| {
-        let own = |k: usize, start: &LaneStart| {
+        let work = |k: usize, start: &LaneStart| {
             load_of(systems[k], load).map_or(0.0, |force| dot(force, &start.massless))
         };
-        each(|k| lanes.get(k).map_or(0.0, |start| own(k, start)))
+        each(|k| lanes.get(k).map_or(0.0, |start| work(k, start)))
     };
     let mut stiffness: Vec<Vec<Lanes>> = Vec::new();
     if has_massless {
@@ -242,13 +243,13 @@ fn lane_data(
     }
     if swings {
         let mut of_start: Vec<Lanes> = (0..terms).map(on_start).collect();
-        stiffness.iter_mut().zip(&of_start).for_each(|(row, of)| row.push(*of));
+        stiffness.iter_mut().zip(&of_start).for_each(|(row, energy)| row.push(*energy));
         let System { engine, stiffness: matrix, .. } = shared.system;
-        let mut own = ZERO;
-        for (own, start) in own.0.iter_mut().zip(lanes) {
-            *own = engine.multiply(matrix, &start.massless, &mut vec![0.0; engine.dofs()])?;
+        let mut energies = ZERO;
+        for (energies, start) in energies.0.iter_mut().zip(lanes) {
+            *energies = engine.multiply(matrix, &start.massless, &mut vec![0.0; engine.dofs()])?;
         }
-        of_start.push(own);
+        of_start.push(energies);
         stiffness.push(of_start);
     }
     let force = |load: usize| {
@@ -260,9 +261,9 @@ fn lane_data(
         }
         forces
     };
-    let bound = |of: fn(&Bounds) -> &[f64], absent: f64| -> Vec<Lanes> {
-        let at = |i: usize| each(|k| systems.get(k).map_or(absent, |system| of(&system.bounds)[i]));
-        (0..bounded.len()).map(at).collect()
+    let bound = |side: fn(&Bounds) -> &[f64], absent: f64| -> Vec<Lanes> {
+        let values = |i: usize| each(|k| systems.get(k).map_or(absent, |system| side(&system.bounds)[i]));
+        (0..bounded.len()).map(values).collect()
     };
     let forces: Vec<Vec<Lanes>> = (0..terms).map(force).collect();
     Ok(Data {

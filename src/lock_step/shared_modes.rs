@@ -26,7 +26,7 @@ pub struct SharedModes<'s> {
     pub(super) modes: Rc<MassModes>,
     pub(super) massless: MasslessPart,
     pub(super) saddle: ModalSaddlePoint<'s, Native>,
-    pub(super) all: Rc<AllBounds>,
+    pub(super) global: Rc<AllBounds>,
     /// Massless responses at all bounds; without candidates where there are none.
     pub(super) model: ContactModel,
     /// Mode shapes at the bounds, one column each.
@@ -50,7 +50,7 @@ impl<'s> SharedModes<'s> {
     /// dofs.
     pub fn fit(&self, other: &System<Native>) -> bool {
         let System { stiffness, mass, damping, bounds, .. } = self.system;
-        let rates = |of: &System<Native>| of.drive.modal.as_ref().map(|modal| modal.rates().to_vec());
+        let rates = |system: &System<Native>| system.drive.modal.as_ref().map(|modal| modal.rates().to_vec());
         let are_same = *damping == other.damping && bounds.dofs == other.bounds.dofs;
         is_plain(other)
             && are_same
@@ -92,21 +92,21 @@ impl<'s> SharedModes<'s> {
             _ => (MasslessPart::Swings, mass.clone()),
         };
         let saddle = ModalSaddlePoint::new(system, &inertia, modes)?;
-        let all = Rc::new(AllBounds::new(system));
+        let global = Rc::new(AllBounds::new(system));
         let comm = engine.comm();
-        let rows = all.shapes(comm, modes)?;
+        let rows = global.shapes(comm, modes)?;
         let mut model = ContactModel::new(bounds.size);
         let numbers: Vec<usize> = (0..bounds.len()).collect();
         if massless != MasslessPart::None && !numbers.is_empty() {
-            let at = BoundRows { shapes: &rows, places: &numbers, lanes: numbers.len() };
-            model.extend(&saddle, &all, &all.limits(comm, bounds), at, &numbers)?;
+            let rows_at = BoundRows { shapes: &rows, places: &numbers, lanes: numbers.len() };
+            model.extend(&saddle, &global, &global.limits(comm, bounds), rows_at, &numbers)?;
         }
         Ok(SharedModes {
             system,
             modes: modes.clone(),
             massless,
             saddle,
-            all,
+            global,
             model,
             rows,
             factors: KnownFactors::default(),
@@ -142,7 +142,8 @@ impl<'s> SharedModes<'s> {
         let rows: Vec<Vec<f64>> = (0..self.rows.ncols()).map(row).collect();
         let entry = |i: usize, j: usize| {
             let inertial: f64 = (0..modes).map(|k| coordinates[k].inverse * rows[i][k] * rows[j][k]).sum();
-            inertial + rows[i].get(modes + j).map_or(0.0, |of| of * coordinates[modes + j].inverse)
+            inertial
+                + rows[i].get(modes + j).map_or(0.0, |deflection| deflection * coordinates[modes + j].inverse)
         };
         Equations {
             compliance: Mat::from_fn(rows.len(), rows.len(), |i, j| 0.5 * (entry(i, j) + entry(j, i))),

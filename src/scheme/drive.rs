@@ -134,8 +134,8 @@ impl ModalDamping {
 /// Returns the inner products of x with each vector of `onto`, summed over all processes.
 /// Collective.
 fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f64>> {
-    let own: Vec<f64> = onto.iter().map(|y| dot(x, y)).collect();
-    Ok(engine.comm().all_reduce_sum_slice(&own))
+    let products: Vec<f64> = onto.iter().map(|y| dot(x, y)).collect();
+    Ok(engine.comm().all_reduce_sum_slice(&products))
 }
 
 /// Time-dependent loads, obstacles and supports, modal damping and friction. All processes evaluate
@@ -315,12 +315,12 @@ impl InstantData {
             for term in &drive.terms {
                 axpy((term.factor)(time)?, &term.load, load);
             }
-            if let Some(of) = &drive.load {
-                of(time, load)?;
+            if let Some(load_of_time) = &drive.load {
+                load_of_time(time, load)?;
             }
         }
-        if let (Some(of), Some(bounds)) = (&drive.bounds, &mut self.bounds) {
-            of(time, bounds)?;
+        if let (Some(load_of_time), Some(bounds)) = (&drive.bounds, &mut self.bounds) {
+            load_of_time(time, bounds)?;
         }
         self.places.fill(0.0);
         self.carry(drive, &drive.places(time)?);
@@ -371,8 +371,8 @@ impl InstantData {
     }
 
     /// Copies the data of another instant.
-    pub fn copy(&mut self, of: &InstantData) {
-        self.combine(of, of, |value, _| value);
+    pub fn copy(&mut self, other: &InstantData) {
+        self.combine(other, other, |value, _| value);
     }
 
     /// Sets each number by linear extrapolation from `now` to `next`, `steps` steps after `now`. An

@@ -181,7 +181,7 @@ struct Search<'s, E: Engine> {
     /// Residual F - K U before the increment, in N, one entry per dof.
     b: Vec<f64>,
     /// Bounds on the increment, in m.
-    left: Bounds,
+    remaining: Bounds,
     reaction: Vec<f64>,
     report: StepReport,
 }
@@ -208,7 +208,7 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
             u: zeros(),
             x: zeros(),
             b: zeros(),
-            left: bounds.clone(),
+            remaining: bounds.clone(),
             reaction: vec![0.0; bounds.len()],
             report: StepReport::default(),
         })
@@ -216,12 +216,12 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
 
     /// Solves for the next increment. Returns the length scale of the deflection, in m. Collective.
     fn increment(&mut self) -> Result<f64> {
-        let Search { engine, matrix, u, x, b, left, bounds, reaction, .. } = self;
+        let Search { engine, matrix, u, x, b, remaining, bounds, reaction, .. } = self;
         engine.multiply(self.stiffness, u, b)?;
         aypx(-1.0, self.load, b);
-        left.shift(bounds, u);
+        remaining.shift(bounds, u);
         let length = engine.comm().all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())));
-        let problem = Problem { matrix, rhs: b, bounds: left, length };
+        let problem = Problem { matrix, rhs: b, bounds: remaining, length };
         let step = self.step.solve(engine, &problem, &mut Answer { x, reaction })?;
         self.report = StepReport {
             iterations: self.report.iterations + step.iterations,
@@ -233,15 +233,15 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
 
     /// Returns the largest magnitude of a bounded deflection, in m. Collective.
     fn largest(&self, x: &[f64]) -> Result<f64> {
-        let own = self.left.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs()));
-        Ok(self.engine.comm().all_reduce_max(own))
+        let most = self.remaining.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs()));
+        Ok(self.engine.comm().all_reduce_max(most))
     }
 
     /// Returns whether x leaves all deflections with a nonzero reaction unchanged. Collective.
     fn bearing_stays(&self, x: &[f64]) -> Result<bool> {
         let stays = ZERO_INCREMENT * self.largest(x)?;
         let moves = |(r, &dof): (&f64, &usize)| *r != 0.0 && x[dof].abs() > stays;
-        let moves = self.reaction.iter().zip(&self.left.dofs).any(moves);
+        let moves = self.reaction.iter().zip(&self.remaining.dofs).any(moves);
         Ok(!self.engine.comm().all_reduce_any(moves))
     }
 
@@ -265,20 +265,20 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
     /// at least 1 unless the increment was made conjugate, since a full increment is within the
     /// bounds. Collective.
     fn step_length(&self, last: &mut Last) -> Result<f64> {
-        let Search { engine, x, b, left, .. } = self;
+        let Search { engine, x, b, remaining, .. } = self;
         let stays = ZERO_INCREMENT * self.largest(x)?;
         let room = |(i, &dof): (usize, &usize)| match x[dof] {
-            x if x > stays => left.rigid(i)[1] / x,
-            x if x < -stays => left.rigid(i)[0] / x,
+            x if x > stays => remaining.rigid(i)[1] / x,
+            x if x < -stays => remaining.rigid(i)[0] / x,
             _ => f64::INFINITY,
         };
-        let room = left.dofs.iter().enumerate().map(room).fold(f64::INFINITY, f64::min);
+        let room = remaining.dofs.iter().enumerate().map(room).fold(f64::INFINITY, f64::min);
         let room = -engine.comm().all_reduce_max(-room);
         last.force.resize(x.len(), 0.0);
         last.increment.clone_from(x);
         last.curvature = engine.multiply(self.stiffness, x, &mut last.force)?;
         let force = engine.dot(b, x)?;
-        let least = match left.laws.are_rigid() {
+        let least = match remaining.laws.are_rigid() {
             true => force / last.curvature,
             false => self.least_yielding([force, last.curvature], room),
         };
@@ -295,11 +295,11 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
     /// bounds that yield is least. The parts of its slope are the work of the increment and its
     /// curvature without such bounds. Collective.
     fn least_yielding(&self, [work, curvature]: [f64; 2], room: f64) -> f64 {
-        let Search { engine, x, left, .. } = self;
+        let Search { engine, x, remaining, .. } = self;
         let slope = |multiple: f64| {
-            let of_bound = |(i, &dof): (usize, &usize)| x[dof] * left.reaction(i, multiple * x[dof]);
-            let own: f64 = left.dofs.iter().enumerate().map(of_bound).sum();
-            multiple * curvature - work - engine.comm().all_reduce_sum(own)
+            let of_bound = |(i, &dof): (usize, &usize)| x[dof] * remaining.reaction(i, multiple * x[dof]);
+            let share: f64 = remaining.dofs.iter().enumerate().map(of_bound).sum();
+            multiple * curvature - work - engine.comm().all_reduce_sum(share)
         };
         let (mut low, mut high) = (1.0, 1.0);
         while high < room && high < MAX_MULTIPLE && slope(high) < 0.0 {

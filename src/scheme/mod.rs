@@ -129,12 +129,12 @@ impl<E: Engine> System<E> {
         }
     }
 
-    /// Subtracts `weight` times the damping force D `rate` from `force`; `known` is the product of
-    /// the stiffness with `rate`, if it is known, and `product` is work space.
+    /// Subtracts `weight` times the damping force D `rate` from `force`; `stiffness_of_rate` is the
+    /// product of the stiffness with `rate`, if it is known, and `product` is work space.
     fn damp(
         &self,
         rate: &[f64],
-        known: Option<&[f64]>,
+        stiffness_of_rate: Option<&[f64]>,
         weight: f64,
         force: &mut [f64],
         product: &mut [f64],
@@ -145,8 +145,8 @@ impl<E: Engine> System<E> {
             axpy(-weight * mass, product, force);
         }
         if stiffness != 0.0 {
-            let of_rate = match known {
-                Some(known) => known,
+            let of_rate = match stiffness_of_rate {
+                Some(stiffness_of_rate) => stiffness_of_rate,
                 None => {
                     self.engine.multiply(&self.stiffness, rate, product)?;
                     &*product
@@ -225,17 +225,17 @@ impl<E: Engine> System<E> {
     pub fn bounds_at(&self, time: f64) -> Result<Bounds> {
         let mut bounds = self.bounds.clone();
         match &self.drive.bounds {
-            Some(of) => {
-                of(time, &mut bounds)?;
+            Some(bounds_of_time) => {
+                bounds_of_time(time, &mut bounds)?;
                 self.drive.relative_bounds(time, bounds)
             }
             None => Ok(bounds),
         }
     }
 
-    /// Returns the sum of `own` over all processes. Collective.
-    fn total(&self, own: f64) -> Result<f64> {
-        Ok(self.engine.comm().all_reduce_sum(own))
+    /// Returns the sum of the shares over all processes. Collective.
+    fn total(&self, share: f64) -> Result<f64> {
+        Ok(self.engine.comm().all_reduce_sum(share))
     }
 }
 

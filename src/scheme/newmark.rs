@@ -111,10 +111,10 @@ impl NewmarkParameters {
     /// Returns the instants (s) of the load of step n, with their weights. At the start the
     /// extrapolated load leaves that of the instant alone.
     pub(crate) fn times(self, n: u64) -> Vec<(f64, f64)> {
-        let at = |n: u64| n as f64 * self.step;
+        let time = |n: u64| n as f64 * self.step;
         match n {
             0 => vec![(0.0, 1.0)],
-            n => vec![(at(n - 1), self.beta), (at(n), 1.0 - 2.0 * self.beta), (at(n + 1), self.beta)],
+            n => vec![(time(n - 1), self.beta), (time(n), 1.0 - 2.0 * self.beta), (time(n + 1), self.beta)],
         }
     }
 }
@@ -174,8 +174,8 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
     /// `$b = F - K U^n - D (U^n - U^{n-1}) / \Delta t$`
     fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
         self.force(b);
-        let known = self.force.of_increment();
-        self.system.damp(&self.d_n, known, 1.0 / self.parameters.step, b, &mut self.product)
+        let product = self.force.of_increment();
+        self.system.damp(&self.d_n, product, 1.0 / self.parameters.step, b, &mut self.product)
     }
 
     fn modal_velocities(&self, modal: &ModalDamping) -> Result<Vec<f64>> {

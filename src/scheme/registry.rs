@@ -263,13 +263,13 @@ impl SchemeSpec {
     pub fn representatives(is_singular: bool) -> Vec<SchemeSpec> {
         let newmark = |restitution| SchemeSpec::Newmark { beta: 0.5, restitution };
         let midpoint = |massless| SchemeSpec::Midpoint { massless };
-        let mut all = [0.0, 0.5, 1.0].map(newmark).to_vec();
+        let mut schemes = [0.0, 0.5, 1.0].map(newmark).to_vec();
         if is_singular {
-            all.push(midpoint(Massless::Equilibrium));
+            schemes.push(midpoint(Massless::Equilibrium));
         }
-        all.extend([midpoint(Massless::Reflected), SchemeSpec::Conserving, SchemeSpec::Exact]);
-        all.retain(|scheme| is_singular || scheme.capabilities().needs_singular_mass.is_none());
-        all
+        schemes.extend([midpoint(Massless::Reflected), SchemeSpec::Conserving, SchemeSpec::Exact]);
+        schemes.retain(|scheme| is_singular || scheme.capabilities().needs_singular_mass.is_none());
+        schemes
     }
 
     /// Starts the scheme with steps of `dt` seconds and contact solvers from a factory.

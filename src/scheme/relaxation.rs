@@ -51,7 +51,8 @@ pub(super) fn root(step: &mut impl RelaxedStep, range: Range<f64>) -> Result<Opt
         }
         *(if excess < 0.0 { &mut below } else { &mut above }) = Some(gamma);
         let slope = step.slope()?;
-        let curvature = last.map_or(0.0, |(at, before)| ((slope - before) / (gamma - at)).max(0.0));
+        let curvature =
+            last.map_or(0.0, |(abscissa, before)| ((slope - before) / (gamma - abscissa)).max(0.0));
         last = Some((gamma, slope));
         // The larger root of excess + slope h + curvature h^2 / 2.
         let discriminant = (slope * slope - 2.0 * excess * curvature).max(0.0).sqrt();

@@ -65,7 +65,8 @@ impl Sliding {
     /// Creates relaxed sliders, anchored at displacements (m), for a scheme whose steps end at a
     /// multiple `extent` of the way to the bounded configuration.
     pub fn new(sliders: &[BoundSlider], bounds: &Bounds, u: &[f64], extent: f64) -> Sliding {
-        let memory = |of: &BoundSlider| Memory { anchor: u[bounds.dofs[of.bound]], ..Memory::default() };
+        let memory =
+            |slider: &BoundSlider| Memory { anchor: u[bounds.dofs[slider.bound]], ..Memory::default() };
         Sliding { memories: sliders.iter().map(memory).collect(), sliders: sliders.to_vec(), extent }
     }
 
@@ -108,8 +109,8 @@ impl Sliding {
     /// Returns forces and energies at an instant that lies `ago` (0 or 1) steps before the last
     /// step's end.
     pub fn friction(&self, ago: usize) -> Vec<Friction> {
-        let friction = |(of, memory): (&BoundSlider, &Memory)| Friction {
-            number: of.number,
+        let friction = |(slider, memory): (&BoundSlider, &Memory)| Friction {
+            number: slider.number,
             force: memory.force,
             dissipated: memory.dissipated[ago],
         };
@@ -118,12 +119,12 @@ impl Sliding {
 
     /// Saves or restores the memories, one per bound.
     pub fn archive(&mut self, bounds: usize, archive: &mut Archive) -> Result<()> {
-        let mut all = vec![Memory::default(); bounds];
-        let places = || self.sliders.iter().map(|of| of.bound);
-        places().zip(&self.memories).for_each(|(bound, memory)| all[bound] = *memory);
+        let mut memories = vec![Memory::default(); bounds];
+        let places = || self.sliders.iter().map(|slider| slider.bound);
+        places().zip(&self.memories).for_each(|(bound, memory)| memories[bound] = *memory);
         archive.items(
             VectorKind::Bounds,
-            &mut all,
+            &mut memories,
             |&Memory { anchor, force, dissipated: [now, before], stored }| {
                 [anchor, force, now, before, stored]
             },
@@ -134,7 +135,7 @@ impl Sliding {
                 stored,
             },
         )?;
-        self.memories = places().map(|bound| all[bound]).collect();
+        self.memories = places().map(|bound| memories[bound]).collect();
         Ok(())
     }
 }

@@ -32,7 +32,7 @@ impl Approach {
         archive.items(
             VectorKind::Bounds,
             approaches,
-            |of| [of.time, of.deflection, of.velocity],
+            |approach| [approach.time, approach.deflection, approach.velocity],
             |[time, deflection, velocity]| Approach { time, deflection, velocity },
         )
     }
@@ -76,15 +76,15 @@ impl StepRecord {
 
     /// Returns the bounds that may be in contact, ascending.
     pub fn candidates(&self) -> impl Iterator<Item = usize> + '_ {
-        let all = if self.candidates.is_none() { 0..self.reaction.len() } else { 0..0 };
-        self.candidates.iter().flatten().copied().chain(all)
+        let numbers = if self.candidates.is_none() { 0..self.reaction.len() } else { 0..0 };
+        self.candidates.iter().flatten().copied().chain(numbers)
     }
 
     /// Returns whether nothing touches: no bound has a reaction or an impulse, and the bounded
     /// configuration lies within `limits`. Where there are candidates, the answer may be no.
     pub fn is_free(&self, limits: &Bounds) -> bool {
         // Without an early end the loops have no branches.
-        let all_zero = |of: &[f64]| of.iter().fold(true, |zero, value| zero & (*value == 0.0));
+        let all_zero = |values: &[f64]| values.iter().fold(true, |zero, value| zero & (*value == 0.0));
         let within = || {
             let sides = limits.lower.iter().zip(&limits.upper);
             self.admissible

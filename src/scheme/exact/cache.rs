@@ -56,9 +56,9 @@ impl Cache {
     ) -> Result<Rc<Modes>> {
         self.clock += 1;
         let key = contacts(reduction, sides);
-        if let Some(known) = self.sets.get_mut(&key) {
-            known.used = self.clock;
-            return known.get(system, reduction, sides);
+        if let Some(set) = self.sets.get_mut(&key) {
+            set.used = self.clock;
+            return set.get(system, reduction, sides);
         }
         let held = Held::new(reduction, sides)?;
         let spectrum = match self.takes_changes {
@@ -70,7 +70,7 @@ impl Cache {
         self.computed += 1;
         let bytes = modes.bytes();
         while !self.sets.is_empty() && (self.sets.len() + 1) * bytes > self.limit {
-            let oldest = self.sets.iter().min_by_key(|(_, known)| known.used).map(|(key, _)| key.clone());
+            let oldest = self.sets.iter().min_by_key(|(_, set)| set.used).map(|(key, _)| key.clone());
             oldest.and_then(|key| self.sets.remove(&key));
         }
         self.sets.insert(key, Known { lineage, modes: Some(modes.clone()), used: self.clock });
@@ -89,15 +89,15 @@ impl Cache {
         sides: &[BoundStatus],
         lineage: Lineage,
     ) -> Result<Rc<Modes>> {
-        let mut known = Known { lineage, modes: None, used: self.clock };
-        let modes = known.get(system, reduction, sides)?;
-        self.sets.insert(contacts(reduction, sides), known);
+        let mut set = Known { lineage, modes: None, used: self.clock };
+        let modes = set.get(system, reduction, sides)?;
+        self.sets.insert(contacts(reduction, sides), set);
         Ok(modes)
     }
 
     /// Saves or restores the list of known sets, from which their modes follow.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        let entry = |(key, known): (&Contacts, &Known)| (known.used, key.clone(), known.lineage.clone());
+        let entry = |(key, set): (&Contacts, &Known)| (set.used, key.clone(), set.lineage.clone());
         let mut sets: Vec<(u64, Contacts, Lineage)> = self.sets.iter().map(entry).collect();
         sets.sort_unstable_by_key(|(used, ..)| *used);
         archive.value(&mut sets)?;
@@ -107,8 +107,8 @@ impl Cache {
         if !archive.saves() {
             let mut before = std::mem::take(&mut self.sets);
             let set = |(used, key, lineage)| {
-                let known = before.remove(&key).filter(|known: &Known| known.lineage == lineage);
-                (key, Known { lineage, modes: known.and_then(|known| known.modes), used })
+                let set = before.remove(&key).filter(|set: &Known| set.lineage == lineage);
+                (key, Known { lineage, modes: set.and_then(|set| set.modes), used })
             };
             self.sets = sets.into_iter().map(set).collect();
         }
@@ -132,8 +132,8 @@ impl Known {
                     None => Rc::new(Spectrum::restored(system, reduction, &self.lineage)?),
                 };
                 let coupling = before.as_ref().and_then(|modes| modes.coupling.as_ref());
-                let known = coupling.map(|coupling| coupling.decoupling.clone());
-                Rc::new(Modes::new(system, reduction, Held::new(reduction, sides)?, spectrum, known)?)
+                let decoupling = coupling.map(|coupling| coupling.decoupling.clone());
+                Rc::new(Modes::new(system, reduction, Held::new(reduction, sides)?, spectrum, decoupling)?)
             }
         };
         Ok(self.modes.insert(modes).clone())

@@ -68,7 +68,7 @@ impl Decoupling {
         let (values, vectors) = general_eigen(matrix.as_ref())?;
         let mut pairs = pairs(&values, &vectors, &coupled);
         pairs.sort_by(|a, b| a.square.total_cmp(&b.square));
-        let column = |of: fn(&Pair) -> &[f64]| Mat::from_fn(size, size, |i, k| of(&pairs[k])[i]);
+        let column = |vector: fn(&Pair) -> &[f64]| Mat::from_fn(size, size, |i, k| vector(&pairs[k])[i]);
         let (of_place, of_rate) = (column(|pair| &pair.of_place), column(|pair| &pair.of_rate));
         let frequencies: Vec<f64> = pairs.iter().map(|pair| pair.square.sqrt()).collect();
         let decays: Vec<f64> = pairs.iter().map(|pair| pair.decay).collect();
@@ -120,10 +120,10 @@ impl Decoupling {
     /// Returns p and p' (columns) of q and q' (columns).
     pub fn decoupled(&self, coupled: MatRef<f64>) -> Mat<f64> {
         let wanted = scaled(&self.coupled, coupled);
-        let mut found = &self.inverse * &wanted;
+        let mut solution = &self.inverse * &wanted;
         // A correction leaves only the rounding of the product with the matrix itself.
-        found += &self.inverse * (wanted - &self.forward * &found);
-        unscaled(&self.frequencies, &found)
+        solution += &self.inverse * (wanted - &self.forward * &solution);
+        unscaled(&self.frequencies, &solution)
     }
 
     /// Returns the memory of the arrays, in bytes.
@@ -162,14 +162,14 @@ fn pairs(values: &[[f64; 2]], vectors: &Mat<f64>, coupled: &[f64]) -> Vec<Pair> 
         coupled.iter().zip(&vectors.col_as_slice(j)[..size]).map(|(w, x)| x / w).collect()
     };
     let oscillating = (0..values.len()).filter(|&j| values[j][1] > 0.0);
-    let mut all: Vec<Pair> = oscillating.map(|j| conjugate(values[j], place(j), place(j + 1))).collect();
+    let mut pairs: Vec<Pair> = oscillating.map(|j| conjugate(values[j], place(j), place(j + 1))).collect();
     // The slower half of the real eigenvalues meets the faster one, so that no pair is close.
     let mut real: Vec<usize> = (0..values.len()).filter(|&j| values[j][1] == 0.0).collect();
     real.sort_by(|&i, &j| values[j][0].total_cmp(&values[i][0]));
     let (slow, fast) = real.split_at(real.len() / 2);
     let both = slow.iter().zip(fast);
-    all.extend(both.map(|(&i, &j)| creeping([values[i][0], values[j][0]], place(i), place(j))));
-    all
+    pairs.extend(both.map(|(&i, &j)| creeping([values[i][0], values[j][0]], place(i), place(j))));
+    pairs
 }
 
 /// Returns the equation of a conjugate pair, of the eigenvector a + ib for the eigenvalue with the
@@ -215,8 +215,8 @@ mod tests {
         let entries = golden_vector(size * size);
         let root = Mat::from_fn(size, size, |i, j| entries[size * i + j]);
         let full = &root * root.transpose();
-        let own = |i, j| if i == j { 0.1 * w[i] } else { 0.0 };
-        let damping = Mat::from_fn(size, size, |i, j| strength * full[(i, j)] + own(i, j));
+        let diagonal = |i, j| if i == j { 0.1 * w[i] } else { 0.0 };
+        let damping = Mat::from_fn(size, size, |i, j| strength * full[(i, j)] + diagonal(i, j));
         (w, damping)
     }
 
@@ -224,25 +224,27 @@ mod tests {
     fn decoupled_equations_are_those_of_the_modes() {
         for strength in [0.0, 1e-3, 0.1, 1.0, 10.0, 1e3] {
             let (w, damping) = problem(12, strength);
-            let of = Decoupling::new(w.clone(), damping.as_ref()).unwrap();
+            let decoupling = Decoupling::new(w.clone(), damping.as_ref()).unwrap();
             let start = golden_vector(24);
             let p = Mat::from_fn(12, 2, |k, j| start[12 * j + k]);
-            let q = of.coupled(p.as_ref());
-            assert!((of.decoupled(q.as_ref()) - &p).norm_max() < 1e-10, "{strength}");
+            let q = decoupling.coupled(p.as_ref());
+            assert!((decoupling.decoupled(q.as_ref()) - &p).norm_max() < 1e-10, "{strength}");
             // Derivatives of p by the decoupled equations give those of q by the coupled ones.
             let next = |a: MatRef<f64>, b: MatRef<f64>| {
-                Mat::from_fn(12, 1, |k, _| -of.frequencies[k].powi(2) * a[(k, 0)] - of.decays[k] * b[(k, 0)])
+                Mat::from_fn(12, 1, |k, _| {
+                    -decoupling.frequencies[k].powi(2) * a[(k, 0)] - decoupling.decays[k] * b[(k, 0)]
+                })
             };
             let second = next(p.get(.., ..1), p.get(.., 1..));
             let third = next(p.get(.., 1..), second.as_ref());
-            let place = &of.of_place * p.get(.., ..1) + &of.of_rate * p.get(.., 1..);
-            let rate = &of.of_place * p.get(.., 1..) + &of.of_rate * &second;
-            let acceleration = &of.of_place * &second + &of.of_rate * third;
+            let place = &decoupling.of_place * p.get(.., ..1) + &decoupling.of_rate * p.get(.., 1..);
+            let rate = &decoupling.of_place * p.get(.., 1..) + &decoupling.of_rate * &second;
+            let acceleration = &decoupling.of_place * &second + &decoupling.of_rate * third;
             let wanted = Mat::from_fn(12, 1, |k, _| -w[k] * w[k] * q[(k, 0)]) - &damping * q.get(.., 1..);
-            for (found, wanted) in
+            for (computed, wanted) in
                 [(&place, q.get(.., ..1)), (&rate, q.get(.., 1..)), (&acceleration, wanted.as_ref())]
             {
-                let apart = (found - wanted).norm_max() / wanted.norm_max();
+                let apart = (computed - wanted).norm_max() / wanted.norm_max();
                 assert!(apart < 1e-10, "{strength}: {apart:e}");
             }
         }
@@ -251,11 +253,11 @@ mod tests {
     #[test]
     fn modes_that_nothing_couples_keep_their_equations() {
         let (w, damping) = problem(8, 0.0);
-        let of = Decoupling::new(w.clone(), damping.as_ref()).unwrap();
+        let decoupling = Decoupling::new(w.clone(), damping.as_ref()).unwrap();
         for (k, w) in w.iter().enumerate() {
-            assert!((of.frequencies[k] / w - 1.0).abs() < 1e-13);
-            assert!((of.decays[k] / (0.1 * w) - 1.0).abs() < 1e-12);
-            assert!(of.of_rate.col(k).norm_max() < 1e-13);
+            assert!((decoupling.frequencies[k] / w - 1.0).abs() < 1e-13);
+            assert!((decoupling.decays[k] / (0.1 * w) - 1.0).abs() < 1e-12);
+            assert!(decoupling.of_rate.col(k).norm_max() < 1e-13);
         }
     }
 }

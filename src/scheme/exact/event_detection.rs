@@ -114,43 +114,45 @@ impl EventSearch {
     pub fn archive(&mut self, motion: &ModalSolution, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.next)?;
         archive.value(&mut self.level)?;
-        let mut pending: Vec<(f64, i32)> = self.pending.iter().map(|(of, level)| (of.at, *level)).collect();
+        let mut pending: Vec<(f64, i32)> =
+            self.pending.iter().map(|(sample, level)| (sample.at, *level)).collect();
         let (mut certified, mut evaluations) = (self.certified.at, self.evaluations);
         archive.value(&mut certified)?;
         archive.value(&mut pending)?;
         archive.value(&mut evaluations)?;
         if !archive.saves() {
             self.certified = self.sample(motion, certified);
-            self.pending = pending.into_iter().map(|(at, level)| (self.sample(motion, at), level)).collect();
+            self.pending =
+                pending.into_iter().map(|(time, level)| (self.sample(motion, time), level)).collect();
             self.evaluations = evaluations;
         }
         Ok(())
     }
 
-    fn sample(&mut self, motion: &ModalSolution, at: f64) -> Sample {
+    fn sample(&mut self, motion: &ModalSolution, time: f64) -> Sample {
         let mut values = Mat::zeros(motion.modes.sides.len(), 2);
-        motion.state(at, &mut self.state);
+        motion.state(time, &mut self.state);
         motion.watch(&self.state, &mut values);
         self.evaluations += 1;
-        Sample { at, values }
+        Sample { at: time, values }
     }
 
     /// Returns the candidates whose quantity is at a limit at an instant, given its values there,
     /// with the side of that limit.
     pub fn at_limit(&self, motion: &ModalSolution, values: &Mat<f64>) -> Vec<(usize, BoundStatus)> {
-        let mut found = Vec::new();
+        let mut limited = Vec::new();
         for (i, &side) in motion.modes.sides.iter().enumerate() {
             let [lower, upper] = motion.modes.limits[i];
             let (y, slack) = (values[(i, 0)], self.slack[i]);
             match side {
-                BoundStatus::Free if y <= lower + slack => found.push((i, BoundStatus::Lower)),
-                BoundStatus::Free if y >= upper - slack => found.push((i, BoundStatus::Upper)),
-                BoundStatus::Lower if y <= lower + slack => found.push((i, BoundStatus::Lower)),
-                BoundStatus::Upper if y >= upper - slack => found.push((i, BoundStatus::Upper)),
+                BoundStatus::Free if y <= lower + slack => limited.push((i, BoundStatus::Lower)),
+                BoundStatus::Free if y >= upper - slack => limited.push((i, BoundStatus::Upper)),
+                BoundStatus::Lower if y <= lower + slack => limited.push((i, BoundStatus::Lower)),
+                BoundStatus::Upper if y >= upper - slack => limited.push((i, BoundStatus::Upper)),
                 _ => {}
             }
         }
-        found
+        limited
     }
 
     /// Searches for the next event until it is found, or certified not to occur before an instant.
@@ -243,27 +245,27 @@ impl EventSearch {
     fn zero(&mut self, motion: &ModalSolution, i: usize, sign: f64, limit: f64, end: f64) -> f64 {
         let (mut inside, mut outside) = (self.certified.at, end);
         let state = &mut self.state;
-        let mut at = inside;
+        let mut time = inside;
         loop {
-            motion.state(at, state);
+            motion.state(time, state);
             let [value, rate] = motion.watch_one(i, limit, state);
             if sign * value >= 0.0 {
-                inside = at
+                inside = time
             } else {
-                outside = at
+                outside = time
             }
-            let newton = at - value / rate;
-            if at == outside && outside == self.certified.at {
+            let newton = time - value / rate;
+            if time == outside && outside == self.certified.at {
                 break; // The quantity is outside from the start.
             }
             let next = if newton > inside && newton < outside { newton } else { 0.5 * (inside + outside) };
-            let settled = value.abs() <= ZERO * self.slack[i] || (newton - at).abs() <= f64::EPSILON * at;
+            let settled = value.abs() <= ZERO * self.slack[i] || (newton - time).abs() <= f64::EPSILON * time;
             if settled || next <= inside || next >= outside {
                 break;
             }
-            at = next;
+            time = next;
         }
-        at
+        time
     }
 }
 

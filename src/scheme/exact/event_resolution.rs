@@ -84,15 +84,15 @@ pub(super) fn next_sides(
         DenseProblem { matrix: &stiffness, rhs, lower: &lower, upper: &upper }
             .solve(&mut where_now, &mut answer);
         open.retain(|&k| {
-            let (at, (i, side)) = (touching.len() + k, undecided[k]);
-            let rounding = |of: &Mat<f64>, times: &Mat<f64>| -> f64 {
-                let terms = (0..of.ncols()).map(|j| (of[(at, j)] * times[(j, 0)]).abs());
+            let (row, (i, side)) = (touching.len() + k, undecided[k]);
+            let rounding = |matrix: &Mat<f64>, times: &Mat<f64>| -> f64 {
+                let terms = (0..matrix.ncols()).map(|j| (matrix[(row, j)] * times[(j, 0)]).abs());
                 roundings * f64::EPSILON * terms.sum::<f64>()
             };
-            if rates[at].abs() > rounding(&lift, &derivative) {
-                (lower[at], upper[at]) = (f64::NEG_INFINITY, f64::INFINITY);
-            } else if forces[at].abs() > rounding(&stiffness, &free) {
-                (lower[at], upper[at]) = (0.0, 0.0);
+            if rates[row].abs() > rounding(&lift, &derivative) {
+                (lower[row], upper[row]) = (f64::NEG_INFINITY, f64::INFINITY);
+            } else if forces[row].abs() > rounding(&stiffness, &free) {
+                (lower[row], upper[row]) = (0.0, 0.0);
                 next[i] = side;
             } else {
                 return true;

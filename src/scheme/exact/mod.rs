@@ -208,8 +208,8 @@ impl<'s, E: Engine> Exact<'s, E> {
         let first: Vec<usize> = if is_modal { Vec::new() } else { (0..bounds.len()).collect() };
         let mut reduction = ReducedModel::new(system, basis, &*saddle, &first)?;
         let mut reach = is_modal.then(|| Reach::new(&reduction, bounds, &options, dt));
-        let of = [&start.displacement, &start.velocity];
-        let state = reduction.basis.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| of[j][i]))?;
+        let columns = [&start.displacement, &start.velocity];
+        let state = reduction.basis.of(system, &Mat::from_fn(engine.dofs(), 2, |i, j| columns[j][i]))?;
         let takes_changes = is_modal && reduction.stiffness.nrows() >= options.changes_from;
         let mut cache = Cache::new(options.memory, takes_changes);
         let (modal, motion) = loop {
@@ -251,8 +251,8 @@ impl<'s, E: Engine> Exact<'s, E> {
     }
 
     /// Sets the state to that of the present motion at an instant, in s.
-    fn move_to(&mut self, at: f64) {
-        self.motion.state(at, &mut self.state);
+    fn move_to(&mut self, time: f64) {
+        self.motion.state(time, &mut self.state);
         self.watch();
     }
 
@@ -261,9 +261,9 @@ impl<'s, E: Engine> Exact<'s, E> {
         let ReducedModel { candidates, bounds, .. } = &self.reduction;
         self.shape.take();
         self.motion.watch(&self.state, &mut self.watched);
-        for (i, (side, &of)) in self.motion.modes.sides.iter().zip(candidates).enumerate() {
+        for (i, (side, &bound)) in self.motion.modes.sides.iter().zip(candidates).enumerate() {
             let y = self.watched[(i, 0)];
-            (self.record.admissible[of], self.record.reaction[of]) = match side {
+            (self.record.admissible[bound], self.record.reaction[bound]) = match side {
                 BoundStatus::Free => (y, 0.0),
                 BoundStatus::Lower => (bounds.lower[i], y),
                 BoundStatus::Upper => (bounds.upper[i], y),
@@ -284,16 +284,16 @@ impl<'s, E: Engine> Exact<'s, E> {
 
     /// Returns the reactions of the candidates, in N.
     fn reactions(&self) -> Vec<f64> {
-        self.reduction.candidates.iter().map(|&of| self.record.reaction[of]).collect()
+        self.reduction.candidates.iter().map(|&bound| self.record.reaction[bound]).collect()
     }
 
     /// Returns the reactions of the candidates that belong to the state, in N: those of the record
     /// may be corrected with the shape.
     fn reactions_of_modes(&self) -> Vec<f64> {
-        let of = |(i, side): (usize, &BoundStatus)| {
+        let reaction = |(i, side): (usize, &BoundStatus)| {
             if *side == BoundStatus::Free { 0.0 } else { self.watched[(i, 0)] }
         };
-        self.motion.modes.sides.iter().enumerate().map(of).collect()
+        self.motion.modes.sides.iter().enumerate().map(reaction).collect()
     }
 
     /// Returns U and v of the state, computed on first use.
@@ -307,9 +307,9 @@ impl<'s, E: Engine> Exact<'s, E> {
             if reactions.iter().any(|r| *r != 0.0) {
                 u += flexibility * Mat::from_fn(reactions.len(), 1, |i, _| reactions[i]);
             }
-            for ((&dof, &of), side) in bounds.dofs.iter().zip(candidates).zip(&modes.sides) {
+            for ((&dof, &bound), side) in bounds.dofs.iter().zip(candidates).zip(&modes.sides) {
                 if *side != BoundStatus::Free {
-                    u[(dof, 0)] = self.record.admissible[of];
+                    u[(dof, 0)] = self.record.admissible[bound];
                 }
             }
             let acceleration = modes.pull(&self.state);

@@ -81,7 +81,7 @@ impl Modes {
         reduction: &ReducedModel,
         held: Held,
         spectrum: Rc<Spectrum>,
-        known: Option<Rc<Decoupling>>,
+        decoupling: Option<Rc<Decoupling>>,
     ) -> Result<Modes> {
         let ReducedModel { damping, bounds, rest_at, lift_at, compliance, .. } = reduction;
         let Spectrum { values, vectors, .. } = &*spectrum;
@@ -117,11 +117,11 @@ impl Modes {
             spectrum: spectrum.clone(),
             coupling: None,
         };
-        modes.with_damping(damping, known)
+        modes.with_damping(damping, decoupling)
     }
 
     /// Takes the decay rates of the coordinates z into account.
-    fn with_damping(mut self, rates: &[f64], known: Option<Rc<Decoupling>>) -> Result<Modes> {
+    fn with_damping(mut self, rates: &[f64], decoupling: Option<Rc<Decoupling>>) -> Result<Modes> {
         let least = rates.iter().copied().fold(f64::INFINITY, f64::min);
         let largest = rates.iter().copied().fold(0.0, f64::max);
         if least == largest || rates.is_empty() {
@@ -136,11 +136,11 @@ impl Modes {
         let elastic = matrix.get(rigid.., rigid..);
         let beside = |k: usize| (0..k).map(move |i| (i, k));
         let mut pairs = (0..elastic.ncols()).flat_map(beside);
-        if pairs.all(|at| elastic[at].abs() <= UNCOUPLED * largest) {
+        if pairs.all(|place| elastic[place].abs() <= UNCOUPLED * largest) {
             return Ok(self);
         }
-        let decoupling = match known {
-            Some(known) => known,
+        let decoupling = match decoupling {
+            Some(decoupling) => decoupling,
             None => Rc::new(Decoupling::new(self.frequencies[rigid..].to_vec(), elastic)?),
         };
         let frequencies = &self.frequencies[rigid..];
@@ -217,7 +217,7 @@ impl Modes {
                 of_columns[k] += entry;
             }
         }
-        let largest = |of: Vec<f64>| of.into_iter().fold(1.0, f64::max);
+        let largest = |sums: Vec<f64>| sums.into_iter().fold(1.0, f64::max);
         norm * (largest(of_rows) * largest(of_columns)).sqrt()
     }
 
@@ -228,7 +228,8 @@ impl Modes {
         let entries = vectors.nrows() * vectors.ncols() + watched;
         let vectors = 2 * self.frequencies.len() + 3 * self.sides.len();
         let coupling = self.coupling.as_ref();
-        let coupling = coupling.map_or(0, |of| of.decoupling.bytes() + watched * size_of::<f64>());
+        let coupling =
+            coupling.map_or(0, |coupling| coupling.decoupling.bytes() + watched * size_of::<f64>());
         (entries + vectors) * size_of::<f64>() + self.sides.len() + coupling
     }
 }

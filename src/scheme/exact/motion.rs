@@ -135,11 +135,11 @@ impl ModalSolution {
     }
 
     /// Computes q and q' (columns) at an instant.
-    pub fn state(&self, at: f64, state: &mut Mat<f64>) {
-        self.rigid_state(at, state);
+    pub fn state(&self, time: f64, state: &mut Mat<f64>) {
+        self.rigid_state(time, state);
         let Modes { frequencies, damping, rigid, .. } = &*self.modes;
         for (k, (&w, &damping)) in frequencies.iter().zip(damping).enumerate().skip(*rigid) {
-            let (s, v) = phase(w, damping, at);
+            let (s, v) = phase(w, damping, time);
             state[(k, 0)] = self.place[k] + self.sine[k] * s + self.versine[k] * v;
             state[(k, 1)] = w * (self.sine[k] * (1.0 - v - damping / w * s) + self.versine[k] * s);
         }
@@ -147,15 +147,15 @@ impl ModalSolution {
 
     /// Computes q and q' like [`ModalSolution::state`], at the next instant of a grid with this
     /// step.
-    pub fn walk(&mut self, at: f64, step: f64, state: &mut Mat<f64>) {
+    pub fn walk(&mut self, time: f64, step: f64, state: &mut Mat<f64>) {
         let rigid = self.modes.rigid;
         let (frequencies, damping) = (&self.modes.frequencies[rigid..], &self.modes.damping[rigid..]);
-        let all = |time: f64| frequencies.iter().zip(damping).map(|(w, c)| phase(*w, *c, time)).unzip();
+        let phases_at = |time: f64| frequencies.iter().zip(damping).map(|(w, c)| phase(*w, *c, time)).unzip();
         if self.walked.is_multiple_of(ANCHOR) {
-            self.phases = all(at).into();
+            self.phases = phases_at(time).into();
         } else {
             if self.walked == 1 {
-                self.turn = all(step).into();
+                self.turn = phases_at(step).into();
             }
             let [sines, versines] = &mut self.phases;
             let [turn_sines, turn_versines] = &self.turn;
@@ -166,7 +166,7 @@ impl ModalSolution {
             }
         }
         self.walked += 1;
-        self.rigid_state(at, state);
+        self.rigid_state(time, state);
         let (places, rates) = state.two_cols_mut(0, 1);
         let [sines, versines] = &self.phases;
         let phases = sines.iter().zip(versines).zip(frequencies.iter().zip(damping));
@@ -184,16 +184,16 @@ impl ModalSolution {
     pub fn integral(&mut self, state: &Mat<f64>, seconds: f64, step: bool) -> Vec<f64> {
         let Modes { frequencies, force, rigid, damping, .. } = &*self.modes;
         let elastic = || frequencies.iter().zip(damping).skip(*rigid);
-        let all = || elastic().map(|(w, c)| sums(*w, *c, seconds)).collect();
+        let all_sums = || elastic().map(|(w, c)| sums(*w, *c, seconds)).collect();
         let fresh: Vec<[f64; 2]>;
         let sums = match step {
             true if self.sums.len() + rigid < frequencies.len() => {
-                self.sums = all();
+                self.sums = all_sums();
                 &self.sums
             }
             true => &self.sums,
             false => {
-                fresh = all();
+                fresh = all_sums();
                 &fresh
             }
         };
@@ -214,16 +214,16 @@ impl ModalSolution {
     }
 
     /// Computes the part of the state in rigid motions.
-    fn rigid_state(&self, at: f64, state: &mut Mat<f64>) {
+    fn rigid_state(&self, time: f64, state: &mut Mat<f64>) {
         if self.modes.rigid == 0 {
             return;
         }
         let damping = self.modes.damping[0];
-        let (g, mean) = rigid_response(damping, at);
-        let left = 1.0 - damping * g;
+        let (g, mean) = rigid_response(damping, time);
+        let share = 1.0 - damping * g;
         for k in 0..self.modes.rigid {
             state[(k, 0)] = self.place[k] + g * (self.sine[k] + mean * self.versine[k]);
-            state[(k, 1)] = left * self.sine[k] + 2.0 * g * self.versine[k];
+            state[(k, 1)] = share * self.sine[k] + 2.0 * g * self.versine[k];
         }
     }
 

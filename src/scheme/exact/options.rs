@@ -32,20 +32,20 @@ pub(super) fn require_memory<E: Engine>(system: &System<E>, candidates: usize) -
     let System { engine, mass, .. } = system;
     let cells = engine.velocities(mass);
     let needed = estimated_memory(engine.dofs(), cells, candidates);
-    let (of, advice) = match mass {
+    let (size, advice) = match mass {
         Form::Modal { .. } => (
-            format!("{cells} modes and {candidates} nodes in reach of an obstacle"),
+            format!("{cells} modes and {candidates} nodes in reach size an obstacle"),
             "reduce time.modes or set time.scheme = \"conserving\"",
         ),
         _ => (format!("{cells} cells"), "coarsen the mesh or set time.scheme = \"conserving\""),
     };
     if needed > MAX_DENSE_MEMORY {
         return Err(Error::Usage(format!(
-            "time.scheme = \"exact\" would need {:.0} GB of dense matrices for {of}; {advice}",
+            "time.scheme = \"exact\" would need {:.0} GB size dense matrices for {size}; {advice}",
             needed as f64 / 1e9
         )));
     }
-    memory::require(needed as u64, &format!("time.scheme = \"exact\" with {of}"), |_| advice.into())
+    memory::require(needed as u64, &format!("time.scheme = \"exact\" with {size}"), |_| advice.into())
 }
 
 /// Returns the estimated peak memory of the dense arrays, in bytes.

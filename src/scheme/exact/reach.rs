@@ -88,12 +88,12 @@ impl Reach {
         reduction: &ReducedModel,
         bounds: &Bounds,
         motion: &ModalSolution,
-        at: f64,
+        time: f64,
     ) -> Vec<usize> {
         let modes = &motion.modes;
         let mut state = Mat::zeros(modes.frequencies.len(), 2);
         let mut watched = Mat::zeros(modes.sides.len(), 2);
-        motion.state(at, &mut state);
+        motion.state(time, &mut state);
         motion.watch(&state, &mut watched);
         let place = modes.place(&state);
         affine(&self.rest, &self.shapes, &place, &mut self.values);
@@ -114,7 +114,7 @@ impl Reach {
             }
         }
 
-        let now = motion.start + at;
+        let now = motion.start + time;
         let place = place.col(0).norm_l2();
         let mut candidates = reduction.candidates.iter().peekable();
         let (mut near, mut least) = (Vec::new(), f64::INFINITY);

@@ -115,17 +115,17 @@ impl ReducedModel {
     ) -> Result<()> {
         let System { engine, bounds, .. } = system;
         let dofs = engine.dofs();
-        let at: Vec<usize> = more.iter().map(|&of| bounds.dofs[of]).collect();
-        let unit_forces = Mat::from_fn(dofs, more.len(), |i, j| f64::from(at[j] == i));
+        let places: Vec<usize> = more.iter().map(|&bound| bounds.dofs[bound]).collect();
+        let unit_forces = Mat::from_fn(dofs, more.len(), |i, j| f64::from(places[j] == i));
         let unconstrained = saddle.unconstrained(unit_forces.clone())?;
-        let flexibility = saddle.flexibility(unit_forces, &at, self.basis.size())?;
-        let known = self.candidates.iter().enumerate().map(|(k, &of)| (of, Column::Known(k)));
-        let new = more.iter().enumerate().map(|(k, &of)| (of, Column::New(k)));
-        let mut columns: Vec<(usize, Column)> = known.chain(new).collect();
-        columns.sort_unstable_by_key(|(of, _)| *of);
+        let flexibility = saddle.flexibility(unit_forces, &places, self.basis.size())?;
+        let old = self.candidates.iter().enumerate().map(|(k, &bound)| (bound, Column::Known(k)));
+        let new = more.iter().enumerate().map(|(k, &bound)| (bound, Column::New(k)));
+        let mut columns: Vec<(usize, Column)> = old.chain(new).collect();
+        columns.sort_unstable_by_key(|(bound, _)| *bound);
         let count = columns.len();
-        self.candidates = columns.iter().map(|(of, _)| *of).collect();
-        let each = |of: &[f64]| self.candidates.iter().map(|&i| of[i]).collect();
+        self.candidates = columns.iter().map(|(bound, _)| *bound).collect();
+        let each = |values: &[f64]| self.candidates.iter().map(|&i| values[i]).collect();
         self.bounds.dofs = self.candidates.iter().map(|&i| bounds.dofs[i]).collect();
         (self.bounds.lower, self.bounds.upper) = (each(&bounds.lower), each(&bounds.upper));
         let held = &self.bounds.dofs;
@@ -138,10 +138,10 @@ impl ReducedModel {
             Column::Known(k) => self.flexibility[(i, k)],
             Column::New(k) => flexibility[(i, k)],
         });
-        let at = |of: &Mat<f64>| Mat::from_fn(count, of.ncols(), |i, j| of[(held[i], j)]);
-        self.rest_at = at(&self.rest);
-        self.lift_at = at(&self.lift);
-        self.compliance = symmetric(&at(&self.flexibility), 1.0);
+        let rows = |matrix: &Mat<f64>| Mat::from_fn(count, matrix.ncols(), |i, j| matrix[(held[i], j)]);
+        self.rest_at = rows(&self.rest);
+        self.lift_at = rows(&self.lift);
+        self.compliance = symmetric(&rows(&self.flexibility), 1.0);
         match remains(&self.compliance, &self.unbound) {
             true => Ok(()),
             false => Err(saddle.rigid_contact(&self.compliance, &self.bounds.dofs)),
@@ -152,12 +152,12 @@ impl ReducedModel {
 /// Returns whether the inf-sup condition holds: the pivots of the compliance under the constraint
 /// B U = C p are those of the compliance without it, but for a part.
 pub(in crate::scheme) fn remains(constrained: &Mat<f64>, unbound: &Mat<f64>) -> bool {
-    let pivots = |of: &Mat<f64>| -> Option<Vec<f64>> {
-        let llt = of.llt(Triangle::Lower).ok()?;
-        Some((0..of.nrows()).map(|i| llt.L()[(i, i)].powi(2)).collect())
+    let pivots = |matrix: &Mat<f64>| -> Option<Vec<f64>> {
+        let llt = matrix.llt(Triangle::Lower).ok()?;
+        Some((0..matrix.nrows()).map(|i| llt.L()[(i, i)].powi(2)).collect())
     };
-    let (Some(left), Some(whole)) = (pivots(constrained), pivots(unbound)) else {
+    let (Some(held), Some(whole)) = (pivots(constrained), pivots(unbound)) else {
         return false;
     };
-    left.iter().zip(&whole).all(|(left, whole)| *left > INF_SUP * whole)
+    held.iter().zip(&whole).all(|(held, whole)| *held > INF_SUP * whole)
 }

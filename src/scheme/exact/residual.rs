@@ -67,7 +67,7 @@ impl<E: Engine> Exact<'_, E> {
             &self.reduction;
         let modes = &self.motion.modes;
         let Shape { displacement, velocity, acceleration } = self.shape();
-        let column = |of: &[f64]| Mat::from_fn(of.len(), 1, |i, _| of[i]);
+        let column = |values: &[f64]| Mat::from_fn(values.len(), 1, |i, _| values[i]);
         let mut force = vec![0.0; displacement.len()];
         self.system.force(displacement, &mut force)?;
         add(&self.inertia()?, &mut force);
@@ -94,8 +94,8 @@ impl<E: Engine> Exact<'_, E> {
             acceleration: sum(acceleration, &basis.velocity(da.col_as_slice(0))),
         };
         let mut reaction = self.record.reaction.clone();
-        for (i, &of) in candidates.iter().enumerate() {
-            reaction[of] += forces[(i, 0)];
+        for (i, &bound) in candidates.iter().enumerate() {
+            reaction[bound] += forces[(i, 0)];
         }
         Ok((shape, reaction))
     }

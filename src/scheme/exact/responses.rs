@@ -11,24 +11,24 @@ fn turn(angle: f64) -> (f64, f64) {
 }
 
 /// Returns s and v of a mode; see the [module page](self).
-pub(in crate::scheme) fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
+pub(in crate::scheme) fn phase(w: f64, damping: f64, time: f64) -> (f64, f64) {
     if damping == 0.0 {
-        return turn(w * at);
+        return turn(w * time);
     }
     let decay = 0.5 * damping;
     let square = (w - decay) * (w + decay);
     let omega = square.abs().sqrt();
     let (g, v) = if square > 0.0 {
-        let (sine, versine) = turn(omega * at);
-        let left = (-decay * at).exp();
-        let g = left * sine / omega;
-        (g, left * versine - (-decay * at).exp_m1() - decay * g)
+        let (sine, versine) = turn(omega * time);
+        let share = (-decay * time).exp();
+        let g = share * sine / omega;
+        (g, share * versine - (-decay * time).exp_m1() - decay * g)
     } else {
         let slow = w * w / (decay + omega);
         let spread = 2.0 * omega;
-        let both = if spread * at == 0.0 { at } else { -(-spread * at).exp_m1() / spread };
-        let g = (-slow * at).exp() * both;
-        (g, -(-slow * at).exp_m1() - slow * g)
+        let both = if spread * time == 0.0 { time } else { -(-spread * time).exp_m1() / spread };
+        let g = (-slow * time).exp() * both;
+        (g, -(-slow * time).exp_m1() - slow * g)
     };
     (w * g, v)
 }
@@ -39,16 +39,16 @@ pub(in crate::scheme) fn phase(w: f64, damping: f64, at: f64) -> (f64, f64) {
 const MIN_DIFFERENCE: f64 = 0.01;
 
 /// Returns the integrals of s and v of a mode from 0 to an instant; see the [module page](self).
-pub(super) fn sums(w: f64, damping: f64, at: f64) -> [f64; 2] {
-    let (s, v) = phase(w, damping, at);
-    let direct = at - s / w - damping * v / (w * w);
-    if direct > MIN_DIFFERENCE * at {
+pub(super) fn sums(w: f64, damping: f64, duration: f64) -> [f64; 2] {
+    let (s, v) = phase(w, damping, duration);
+    let direct = duration - s / w - damping * v / (w * w);
+    if direct > MIN_DIFFERENCE * duration {
         return [v / w, direct];
     }
     // Halve the time until the series has a few terms, then double again.
-    let fastest = w.max(damping) * at;
+    let fastest = w.max(damping) * duration;
     let halvings = if fastest > 0.5 { (2.0 * fastest).log2().ceil() } else { 0.0 };
-    let mut time = at / halvings.exp2();
+    let mut time = duration / halvings.exp2();
     let (angle, drag) = (w * time, damping * time);
     let (mut before, mut term, mut k) = (0.0, 0.5 * angle * angle, 2.0);
     let mut sum = 0.0;
@@ -68,12 +68,12 @@ pub(super) fn sums(w: f64, damping: f64, at: f64) -> [f64; 2] {
 }
 
 /// Returns the first and second integrals of a rigid motion's g from 0 to an instant.
-pub(super) fn rigid_response_sums(damping: f64, at: f64) -> [f64; 2] {
-    let (g, mean) = rigid_response(damping, at);
+pub(super) fn rigid_response_sums(damping: f64, time: f64) -> [f64; 2] {
+    let (g, mean) = rigid_response(damping, time);
     let first = 0.5 * g * mean;
-    let x = damping * at;
+    let x = damping * time;
     if x > 1.0 {
-        return [first, (0.5 * at * at - first) / damping];
+        return [first, (0.5 * time * time - first) / damping];
     }
     let (mut sum, mut term, mut k) = (1.0 / 6.0, 1.0 / 6.0, 4.0);
     while f64::abs(term) > f64::EPSILON * sum {
@@ -81,19 +81,19 @@ pub(super) fn rigid_response_sums(damping: f64, at: f64) -> [f64; 2] {
         sum += term;
         k += 1.0;
     }
-    [first, at * at * at * sum]
+    [first, time * time * time * sum]
 }
 
 /// Returns g of a rigid motion and twice the ratio of its integral to it; both equal t without
 /// damping.
-pub(in crate::scheme) fn rigid_response(damping: f64, at: f64) -> (f64, f64) {
-    let x = damping * at;
+pub(in crate::scheme) fn rigid_response(damping: f64, time: f64) -> (f64, f64) {
+    let x = damping * time;
     if x == 0.0 {
-        return (at, at);
+        return (time, time);
     }
     let g = -(-x).exp_m1() / damping;
     if x > 1.0 {
-        return (g, 2.0 * (at - g) / (damping * g));
+        return (g, 2.0 * (time - g) / (damping * g));
     }
     // The series 2 sum_k (-x)^k / (k + 2)! avoids the cancellation of the difference.
     let (mut sum, mut term, mut k) = (1.0, 1.0, 3.0);
@@ -102,5 +102,5 @@ pub(in crate::scheme) fn rigid_response(damping: f64, at: f64) -> (f64, f64) {
         sum += term;
         k += 1.0;
     }
-    (g, at * at * sum / g)
+    (g, time * time * sum / g)
 }

@@ -154,8 +154,8 @@ fn eigen(poles: &[f64], z: &[f64]) -> (Vec<f64>, Mat<f64>) {
         let pole = poles[j];
         weights[j] *= -column[j];
         for range in [0..j, j + 1..size] {
-            let of = weights[range.clone()].iter_mut().zip(&column[range.clone()]).zip(&poles[range]);
-            for ((w, x), d) in of {
+            let factors = weights[range.clone()].iter_mut().zip(&column[range.clone()]).zip(&poles[range]);
+            for ((w, x), d) in factors {
                 *w *= x / (d - pole);
             }
         }
@@ -183,13 +183,13 @@ fn root(poles: &[f64], squares: &[f64], gaps: &mut [f64], j: usize) -> (usize, f
     let is_last = j + 1 == poles.len();
     let mut upper = if is_last { squares.iter().sum() } else { gaps[j + 1] };
     let mut offset = 0.5 * upper;
-    let mut at = SecularSums::new(squares, gaps, j, offset);
+    let mut sums = SecularSums::new(squares, gaps, j, offset);
     let (mut origin, mut lower) = (j, 0.0);
     if !is_last {
         // The root of the two neighbouring poles, with all others as they are in the middle.
         let half = offset;
-        let others = at.value + squares[j] / half - squares[j + 1] / half;
-        if at.value < 0.0 {
+        let others = sums.value + squares[j] / half - squares[j + 1] / half;
+        if sums.value < 0.0 {
             origin = j + 1;
             (lower, upper) = (-half, 0.0);
             from(origin, gaps);
@@ -200,23 +200,23 @@ fn root(poles: &[f64], squares: &[f64], gaps: &mut [f64], j: usize) -> (usize, f
         let first = others * (a + b) + squares[j] + squares[j + 1];
         offset = lower_root(others, first, squares[j] * b + squares[j + 1] * a);
         offset = inside(lower, upper, offset);
-        at = SecularSums::new(squares, gaps, j, offset);
+        sums = SecularSums::new(squares, gaps, j, offset);
     }
     for _ in 0..MAX_ITERATIONS {
-        if at.value.abs() <= f64::EPSILON * at.magnitude {
+        if sums.value.abs() <= f64::EPSILON * sums.magnitude {
             break;
         }
-        if at.value > 0.0 {
+        if sums.value > 0.0 {
             upper = offset;
         } else {
             lower = offset;
         }
-        let next = inside(lower, upper, offset + at.step(gaps, j, offset));
+        let next = inside(lower, upper, offset + sums.step(gaps, j, offset));
         if next == offset || next <= lower || next >= upper {
             break;
         }
         offset = next;
-        at = SecularSums::new(squares, gaps, j, offset);
+        sums = SecularSums::new(squares, gaps, j, offset);
     }
     (origin, offset)
 }
@@ -296,7 +296,8 @@ mod tests {
         let size = d.len();
         let unit = Mat::<f64>::identity(size, size);
         for (change, sign) in [(Change::Add, 1.0), (Change::Subtract, -1.0)] {
-            let diagonal = |of: &[f64]| Mat::from_fn(size, size, |i, j| if i == j { of[i] } else { 0.0 });
+            let diagonal =
+                |values: &[f64]| Mat::from_fn(size, size, |i, j| if i == j { values[i] } else { 0.0 });
             let matrix = diagonal(d) + Mat::from_fn(size, size, |i, j| sign * z[i] * z[j]);
             let (values, vectors) = changed_eigen(d, &unit, z.to_vec(), change);
             let (expected, _) = symmetric_eigen(matrix.as_ref()).unwrap();

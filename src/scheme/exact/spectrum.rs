@@ -110,8 +110,8 @@ pub(super) type Contacts = Vec<(usize, BoundStatus)>;
 
 /// Returns the nodes in contact, given the sides of all candidates.
 pub(super) fn contacts(reduction: &ReducedModel, sides: &[BoundStatus]) -> Contacts {
-    let all = reduction.candidates.iter().copied().zip(sides.iter().copied());
-    all.filter(|(_, side)| *side != BoundStatus::Free).collect()
+    let candidates = reduction.candidates.iter().copied().zip(sides.iter().copied());
+    candidates.filter(|(_, side)| *side != BoundStatus::Free).collect()
 }
 
 /// Nodes in contact of an active set, and what holds them; see the [module page](self).
@@ -244,7 +244,7 @@ fn nearest_rigid(stiffness: &Mat<f64>, lift: &Mat<f64>, gap: &Mat<f64>) -> Mat<f
         let of_rigid = DMatrix::from_fn(gap.nrows(), count, |k, j| weights[k] * lift[(k, j)]);
         let gap = DMatrix::from_fn(gap.nrows(), 1, |k, _| weights[k] * gap[(k, 0)]);
         let nearest = of_rigid.svd(true, true).solve(&gap, INDEPENDENT).unwrap_or_default();
-        nearest.iter().enumerate().for_each(|(j, of)| z[(j, 0)] = *of);
+        nearest.iter().enumerate().for_each(|(j, value)| z[(j, 0)] = *value);
     }
     z
 }
@@ -278,18 +278,18 @@ pub(super) struct Lineage {
 impl Lineage {
     /// Returns the nodes in contact, as indices into the bounds of the system.
     fn touching(&self) -> BTreeSet<usize> {
-        let mut touching = self.root.iter().map(|(of, _)| *of).collect();
-        for of in &self.changes {
-            toggle(&mut touching, *of);
+        let mut touching = self.root.iter().map(|(bound, _)| *bound).collect();
+        for bound in &self.changes {
+            toggle(&mut touching, *bound);
         }
         touching
     }
 }
 
 /// Adds a node to a set, or removes it.
-fn toggle(touching: &mut BTreeSet<usize>, of: usize) {
-    if !touching.remove(&of) {
-        touching.insert(of);
+fn toggle(touching: &mut BTreeSet<usize>, bound: usize) {
+    if !touching.remove(&bound) {
+        touching.insert(bound);
     }
 }
 
@@ -331,9 +331,9 @@ impl Spectrum {
         held: &Held,
         from: Option<&Spectrum>,
     ) -> Result<Spectrum> {
-        let touching = contacts(reduction, &held.sides).into_iter().map(|(of, _)| of).collect();
-        let changes = |of: &Spectrum| -> Vec<usize> {
-            of.lineage.touching().symmetric_difference(&touching).copied().collect()
+        let touching = contacts(reduction, &held.sides).into_iter().map(|(bound, _)| bound).collect();
+        let changes = |spectrum: &Spectrum| -> Vec<usize> {
+            spectrum.lineage.touching().symmetric_difference(&touching).copied().collect()
         };
         let is_near = |changes: usize, before: usize| {
             changes < touching.len() && changes <= MAX_AT_ONCE && before + changes <= MAX_CHANGES
@@ -344,8 +344,8 @@ impl Spectrum {
             None if touching.len() <= MAX_AT_ONCE => Spectrum::free(reduction),
             None => return Spectrum::new(system, reduction, held),
         };
-        for of in changes(&spectrum) {
-            spectrum = spectrum.changed(reduction, of)?;
+        for bound in changes(&spectrum) {
+            spectrum = spectrum.changed(reduction, bound)?;
         }
         Ok(spectrum)
     }
@@ -364,13 +364,13 @@ impl Spectrum {
             Spectrum::free(reduction)
         } else {
             let mut sides = vec![BoundStatus::Free; reduction.candidates.len()];
-            for (of, side) in &lineage.root {
-                sides[position(reduction, *of)?] = *side;
+            for (bound, side) in &lineage.root {
+                sides[position(reduction, *bound)?] = *side;
             }
             Spectrum::solved(system, reduction, &Held::new(reduction, &sides)?, lineage.root.clone())?
         };
-        for of in &lineage.changes {
-            spectrum = spectrum.changed(reduction, *of)?;
+        for bound in &lineage.changes {
+            spectrum = spectrum.changed(reduction, *bound)?;
         }
         Ok(spectrum)
     }
@@ -421,38 +421,39 @@ impl Spectrum {
     }
 
     /// Returns the eigenpairs once a node has touched or left; see the [module page](self).
-    fn changed(&self, reduction: &ReducedModel, of: usize) -> Result<Spectrum> {
+    fn changed(&self, reduction: &ReducedModel, bound: usize) -> Result<Spectrum> {
         let ReducedModel { lift_at, compliance, .. } = reduction;
         let mut others = self.lineage.touching();
-        let change = if others.remove(&of) { Change::Subtract } else { Change::Add };
-        let others = others.into_iter().map(|of| position(reduction, of)).collect::<Result<Vec<_>>>()?;
-        let i = position(reduction, of)?;
-        let (mut row, mut own) = (lift_at.row(i).to_owned(), compliance[(i, i)]);
+        let change = if others.remove(&bound) { Change::Subtract } else { Change::Add };
+        let others =
+            others.into_iter().map(|bound| position(reduction, bound)).collect::<Result<Vec<_>>>()?;
+        let i = position(reduction, bound)?;
+        let (mut row, mut pivot) = (lift_at.row(i).to_owned(), compliance[(i, i)]);
         if !others.is_empty() {
             let coupling = Mat::from_fn(others.len(), 1, |k, _| compliance[(others[k], i)]);
             let forces = factored(compliance, &others)?.solve(&coupling);
             for (k, &other) in others.iter().enumerate() {
                 row -= lift_at.row(other) * faer::Scale(forces[(k, 0)]);
-                own -= coupling[(k, 0)] * forces[(k, 0)];
+                pivot -= coupling[(k, 0)] * forces[(k, 0)];
             }
         }
-        if own <= 0.0 {
+        if pivot <= 0.0 {
             return Err(failed(others.len() + 1, INDEFINITE));
         }
-        let z = self.vectors.transpose() * row.transpose() * faer::Scale(1.0 / own.sqrt());
+        let z = self.vectors.transpose() * row.transpose() * faer::Scale(1.0 / pivot.sqrt());
         let z = z.iter().copied().collect();
         let (values, vectors) = changed_eigen(&self.values, &self.vectors, z, change);
         let mut lineage = self.lineage.clone();
-        lineage.changes.push(of);
+        lineage.changes.push(bound);
         let values = values.into_iter().map(|value| value.max(0.0)).collect();
         Ok(Spectrum { lineage, values, magnitude: 0.0, vectors })
     }
 }
 
 /// Returns the candidate at a bound of the system.
-fn position(reduction: &ReducedModel, of: usize) -> Result<usize> {
-    let found = reduction.candidates.binary_search(&of);
-    found.map_err(|_| Error::Checkpoint("the checkpoint has contacts at nodes out of reach".into()))
+fn position(reduction: &ReducedModel, bound: usize) -> Result<usize> {
+    let position = reduction.candidates.binary_search(&bound);
+    position.map_err(|_| Error::Checkpoint("the checkpoint has contacts at nodes out bound reach".into()))
 }
 
 /// Improves the eigenvectors of the energy of z -> shape z. Returns the eigenvalues and the largest

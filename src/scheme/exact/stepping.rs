@@ -50,9 +50,9 @@ impl<E: Engine> Exact<'_, E> {
         }
     }
 
-    /// Switches the active set at an event of the present motion, at the instant `at` (s).
-    fn resolve_event(&mut self, at: f64, candidate: usize) -> Result<()> {
-        self.move_to(at);
+    /// Switches the active set at an event of the present motion, `seconds` after its start.
+    fn resolve_event(&mut self, seconds: f64, candidate: usize) -> Result<()> {
+        self.move_to(seconds);
         let before = self.motion.modes.clone();
         let mut undecided = self.search.at_limit(&self.motion, &self.watched);
         if undecided.iter().all(|(i, _)| *i != candidate) {
@@ -76,7 +76,7 @@ impl<E: Engine> Exact<'_, E> {
         );
         let arriving = self.watched.clone();
         let force = self.record.reaction.iter().sum();
-        let time = self.motion.start + at;
+        let time = self.motion.start + seconds;
         self.begin_motion(time, &state, &sides)?;
         for (i, (&was, &is)) in before.sides.iter().zip(&sides).enumerate() {
             if was == is {
@@ -105,17 +105,18 @@ impl<E: Engine> Exact<'_, E> {
     /// matrices are the same to the last bit.
     fn archive_reach(&mut self, archive: &mut Archive) -> Result<()> {
         let Some(reach) = &mut self.reach else { return Ok(()) };
-        let known = reach.grown.clone();
+        let grown = reach.grown.clone();
         reach.archive(archive)?;
         if archive.saves() {
             return Ok(());
         }
         let bounds = self.system.bounds.len();
-        let fits = reach.grown.starts_with(&known) && reach.grown.iter().flatten().all(|&of| of < bounds);
+        let fits =
+            reach.grown.starts_with(&grown) && reach.grown.iter().flatten().all(|&bound| bound < bounds);
         if !fits {
             return Err(Error::Checkpoint("the checkpoint has other nodes in reach than its scene".into()));
         }
-        for near in reach.grown.iter().skip(known.len()) {
+        for near in reach.grown.iter().skip(grown.len()) {
             self.reduction.extend(self.system, &*self.saddle, near)?;
         }
         self.watched = Mat::zeros(self.reduction.candidates.len(), 2);
@@ -138,31 +139,31 @@ impl<E: Engine> Exact<'_, E> {
 
     /// Returns the nodes out of reach that come into reach soon after an instant of the present
     /// motion, and determines the time of the next check.
-    fn check_reach(&mut self, at: f64) -> Vec<usize> {
+    fn check_reach(&mut self, time: f64) -> Vec<usize> {
         let Some(reach) = &mut self.reach else { return Vec::new() };
-        let near = reach.check(&self.reduction, &self.system.bounds, &self.motion, at);
+        let near = reach.check(&self.reduction, &self.system.bounds, &self.motion, time);
         self.record_far();
         near
     }
 
-    /// Adds nodes to the candidates at the present state, that of the instant `at` (s) of the
-    /// motion, from which the motion continues unchanged.
-    fn admit(&mut self, at: f64, near: Vec<usize>) -> Result<()> {
+    /// Adds nodes to the candidates at the present state, `seconds` after the start of the
+    /// motion, which continues unchanged.
+    fn admit(&mut self, seconds: f64, near: Vec<usize>) -> Result<()> {
         if near.is_empty() {
             return Ok(());
         }
         let before = self.motion.modes.clone();
-        let known = self.reduction.candidates.clone();
+        let old = self.reduction.candidates.clone();
         let Exact { system, saddle, reduction, reach, .. } = self;
         grow(system, &**saddle, reduction, reach, near)?;
         let mut sides = vec![BoundStatus::Free; self.reduction.candidates.len()];
-        for (side, &of) in before.sides.iter().zip(&known) {
-            let at = self.reduction.candidates.partition_point(|&candidate| candidate < of);
-            sides[at] = *side;
+        for (side, &bound) in before.sides.iter().zip(&old) {
+            let place = self.reduction.candidates.partition_point(|&candidate| candidate < bound);
+            sides[place] = *side;
         }
         self.watched = Mat::zeros(sides.len(), 2);
         let state = before.place(&self.state);
-        self.begin_motion(self.motion.start + at, &state, &sides)
+        self.begin_motion(self.motion.start + seconds, &state, &sides)
     }
 }
 
@@ -220,7 +221,7 @@ impl<E: Engine> Scheme for Exact<'_, E> {
             let check = self.reach.as_ref().map_or(f64::INFINITY, |reach| reach.next);
             let until = time.min(check) - self.motion.start;
             self.search.extend(&self.motion, until);
-            let Some((at, candidate)) = self.search.next.filter(|(at, _)| *at <= until) else {
+            let Some((seconds, candidate)) = self.search.next.filter(|(seconds, _)| *seconds <= until) else {
                 if time <= check {
                     break;
                 }
@@ -238,15 +239,15 @@ impl<E: Engine> Scheme for Exact<'_, E> {
                 let place = format!("bound {bound}");
                 return Err(Error::Events {
                     step: self.record.step,
-                    time: self.motion.start + at,
+                    time: self.motion.start + seconds,
                     count: events,
                     bound,
                     place,
                 });
             }
             events += 1;
-            self.add_impulses(at - from, false);
-            self.resolve_event(at, candidate)?;
+            self.add_impulses(seconds - from, false);
+            self.resolve_event(seconds, candidate)?;
             (from, is_same_motion) = (0.0, false);
         }
         match is_same_motion {

@@ -157,9 +157,9 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
         b -= &self.modes.momenta * along;
         let h = self.round(b.clone())?;
         self.subtract_forces(&h, &mut b)?;
-        let square = |of: &Mat<f64>| dot(of.col_as_slice(0), of.col_as_slice(0));
-        let [left, whole] = comm.all_reduce_sum([square(&self.round(b)?), square(&h)]);
-        let measured = if whole == 0.0 { 0.0 } else { (left / whole).sqrt() };
+        let square = |force: &Mat<f64>| dot(force.col_as_slice(0), force.col_as_slice(0));
+        let [rest, whole] = comm.all_reduce_sum([square(&self.round(b)?), square(&h)]);
+        let measured = if whole == 0.0 { 0.0 } else { (rest / whole).sqrt() };
         let share = if self.shift > 0.0 { SHIFT.max(measured) } else { measured };
         let enough = |rounds: &usize| share.powi(*rounds as i32) <= ACCURACY;
         Ok((1..MAX_ROUNDS).find(enough).unwrap_or(MAX_ROUNDS))
@@ -185,14 +185,14 @@ impl<'s, E: Engine> ModalSaddlePoint<'s, E> {
 }
 
 /// Returns the sum of a matrix over all ranks, the same on each. Collective.
-pub(crate) fn summed(comm: &impl Communicator, own: Mat<f64>) -> Mat<f64> {
+pub(crate) fn summed(comm: &impl Communicator, share: Mat<f64>) -> Mat<f64> {
     if comm.size() == 1 {
-        return own;
+        return share;
     }
-    let rows = own.nrows();
-    let entries: Vec<f64> = (0..own.ncols()).flat_map(|j| own.col_as_slice(j)).copied().collect();
+    let rows = share.nrows();
+    let entries: Vec<f64> = (0..share.ncols()).flat_map(|j| share.col_as_slice(j)).copied().collect();
     let sums = comm.all_reduce_sum_slice(&entries);
-    Mat::from_fn(rows, own.ncols(), |i, j| sums[rows * j + i])
+    Mat::from_fn(rows, share.ncols(), |i, j| sums[rows * j + i])
 }
 
 impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
@@ -225,10 +225,10 @@ impl<E: Engine> SaddlePointSolver for ModalSaddlePoint<'_, E> {
     }
 
     fn flexibility(&self, unit_forces: Mat<f64>, dofs: &[usize], _positions: usize) -> Result<Mat<f64>> {
-        let own: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
+        let bounded: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
         let shapes = &self.modes.shapes;
         let along = Mat::from_fn(shapes.ncols(), dofs.len(), |k, j| shapes[(dofs[j], k)]);
-        let columns = self.rest_of_units(&own, &along)?;
+        let columns = self.rest_of_units(&bounded, &along)?;
         Ok(Mat::from_fn(unit_forces.nrows(), dofs.len(), |i, j| columns[j][i]))
     }
 
@@ -259,9 +259,9 @@ impl ContactCompliance {
             return Err(Error::Usage("this compliance needs time.mass = \"modal\"".into()));
         };
         let saddle = ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), modes)?;
-        let own: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
+        let bounded: Vec<Option<usize>> = dofs.iter().copied().map(Some).collect();
         let along = Mat::from_fn(modes.count(), dofs.len(), |k, j| modes.shapes[(dofs[j], k)]);
-        let responses = saddle.rest_of_units(&own, &along)?;
+        let responses = saddle.rest_of_units(&bounded, &along)?;
         let mean = |i: usize, j: usize| 0.5 * (responses[j][dofs[i]] + responses[i][dofs[j]]);
         Ok(ContactCompliance {
             compliance: Mat::from_fn(dofs.len(), dofs.len(), mean),

@@ -157,8 +157,9 @@ impl<'s, E: Engine> Potential<'s, E> {
                 solver.solve(engine, &problem, &mut Answer { x, reaction: &mut [] })?;
                 engine.project(mass, x, projected)?;
                 add(projected, &mut image);
-                let [more, all] = [&*projected, &image].map(|v| engine.mass_norm_squared(mass, v));
-                if more?.sqrt() <= f64::EPSILON * all?.sqrt() {
+                let [rest_norm, image_norm] =
+                    [&*projected, &image].map(|v| engine.mass_norm_squared(mass, v));
+                if rest_norm?.sqrt() <= f64::EPSILON * image_norm?.sqrt() {
                     break;
                 }
             }
@@ -446,19 +447,19 @@ impl<E: Engine> Line<'_, '_, E> {
 
     /// Returns the work done and the energy dissipated, in J, up to the last state, which is at
     /// gamma.
-    pub fn exchange(&self, gamma: f64, at: &State) -> Result<[f64; 2]> {
-        Ok([self.rule.work(self.from, at)?, gamma * self.rule.dt * self.dissipated_power])
+    pub fn exchange(&self, gamma: f64, state: &State) -> Result<[f64; 2]> {
+        Ok([self.rule.work(self.from, state)?, gamma * self.rule.dt * self.dissipated_power])
     }
 
     /// Returns the derivative with respect to gamma, in J, of the energy less work and dissipation,
     /// at the last state: `$dV^T C V - 2 x^T (F - K U + G^T r)$` plus dissipation. F is the
     /// midpoint load, whose work is counted as external; so is the work of the midpoint reactions
     /// where bounds move, taken here at uniform velocity.
-    pub fn slope(&mut self, gamma: f64, at: &State) -> Result<f64> {
+    pub fn slope(&mut self, gamma: f64, state: &State) -> Result<f64> {
         let System { engine, mass, bounds, .. } = self.potential.system;
         let work = &mut self.potential.b;
         let [middle, rise] = match self.kinetic_slope {
-            Some(known) => known,
+            Some(slope) => slope,
             None => {
                 // At the midpoint, gamma = 1/2, V = 2/dt C^-1 B x.
                 engine.project_transpose(mass, &self.rule.dv, work)?;
@@ -466,16 +467,16 @@ impl<E: Engine> Line<'_, '_, E> {
                 *self.kinetic_slope.insert([middle, engine.mass_norm_squared(mass, &self.rule.dv)?])
             }
         };
-        work.copy_from_slice(&at.force);
+        work.copy_from_slice(&state.force);
         self.rule.instants.add_load(work);
-        bounds.add_transposed(&at.reaction, work);
+        bounds.add_transposed(&state.reaction, work);
         let elastic = -2.0 * engine.dot(work, &self.rule.driver.x)?;
         let Line { from, rule, potential: Potential { system, .. }, .. } = self;
-        let obstacles = match &at.instant.bounds {
+        let obstacles = match &state.instant.bounds {
             None => 0.0,
             Some(_) => {
-                let by = |reaction| from.instant.boundary_work(&at.instant, reaction);
-                system.total(by(&at.reaction) - by(&rule.driver.reaction))? / gamma
+                let by = |reaction| from.instant.boundary_work(&state.instant, reaction);
+                system.total(by(&state.reaction) - by(&rule.driver.reaction))? / gamma
             }
         };
         Ok(middle + (gamma - 0.5) * rise + elastic + obstacles + rule.dt * self.dissipated_power)

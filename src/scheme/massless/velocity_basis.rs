@@ -81,26 +81,27 @@ impl VelocityBasis {
 
     /// Returns the coordinates of the cell means of displacements (n x k).
     pub fn of<E: Engine>(&self, system: &System<E>, displacements: &Mat<f64>) -> Result<Mat<f64>> {
-        let mut all = Mat::zeros(self.root_mass.len(), displacements.ncols());
+        let mut means = Mat::zeros(self.root_mass.len(), displacements.ncols());
         for j in 0..displacements.ncols() {
-            let column = all.col_as_slice_mut(j);
+            let column = means.col_as_slice_mut(j);
             system.engine.project(&system.mass, displacements.col_as_slice(j), column)?;
             hadamard(&self.root_mass, column);
         }
-        Ok(self.narrow(all))
+        Ok(self.narrow(means))
     }
 
     /// Returns the product of Q^T with columns.
-    pub fn narrow(&self, all: Mat<f64>) -> Mat<f64> {
+    pub fn narrow(&self, columns: Mat<f64>) -> Mat<f64> {
         match &self.span {
-            Some(span) => span.transpose() * all,
-            None => all,
+            Some(span) => span.transpose() * columns,
+            None => columns,
         }
     }
 
     /// Returns the velocity with the coordinates z, one entry per cell.
     pub fn velocity(&self, z: &[f64]) -> Vec<f64> {
-        let over_root = |of: &[f64]| of.iter().zip(&self.root_mass).map(|(v, c)| v / c).collect();
+        let over_root =
+            |velocities: &[f64]| velocities.iter().zip(&self.root_mass).map(|(v, c)| v / c).collect();
         match &self.span {
             Some(span) => over_root((span * Mat::from_fn(z.len(), 1, |k, _| z[k])).col_as_slice(0)),
             None => over_root(z),

@@ -101,8 +101,8 @@ impl<'s, E: Engine> Midpoint<'s, E> {
     ) -> Result<Midpoint<'s, E>> {
         // The deflections before the start are extrapolated with the initial velocity.
         let midpoints = [0.5, 1.5, 2.5].map(|steps| {
-            let at = |&dof: &usize| start.displacement[dof] - steps * dt * start.velocity[dof];
-            system.bounds.dofs.iter().map(at).collect()
+            let place = |&dof: &usize| start.displacement[dof] - steps * dt * start.velocity[dof];
+            system.bounds.dofs.iter().map(place).collect()
         });
         let mut record = StepRecord::new(dt, system.bounds.len());
         let mut now = State::new(system, start.displacement, &start.velocity)?;

@@ -49,16 +49,16 @@ impl AllBounds {
             numbers.own.iter().enumerate().for_each(|(i, &number)| index[number] = Some(i));
             GlobalNumbers { own: numbers.own.clone(), index, order: engine.comm().all_gather(&numbers.own) }
         });
-        let count = partition.as_ref().map_or(bounds.len(), |of| of.order.len());
-        let mut all = AllBounds { count, dofs: bounds.dofs.to_vec(), laws: Laws::default(), partition };
+        let count = partition.as_ref().map_or(bounds.len(), |numbers| numbers.order.len());
+        let mut global = AllBounds { count, dofs: bounds.dofs.to_vec(), laws: Laws::default(), partition };
         if !bounds.laws.are_rigid() {
             let of_side =
                 |side: usize| (0..bounds.len()).map(move |i| f64::from(bounds.laws.numbers(i)[side]));
-            let [lower, upper] = [0, 1].map(|side| all.gather(engine.comm(), of_side(side).collect()));
+            let [lower, upper] = [0, 1].map(|side| global.gather(engine.comm(), of_side(side).collect()));
             let numbers = lower.into_iter().zip(upper).map(|(lower, upper)| [lower as u32, upper as u32]);
-            all.laws = bounds.laws.with(numbers.collect());
+            global.laws = bounds.laws.with(numbers.collect());
         }
-        all
+        global
     }
 
     /// Returns whether there may be several ranks.
@@ -68,7 +68,7 @@ impl AllBounds {
 
     /// Returns the index of a bound among those of this rank, if it has the bound.
     pub fn own(&self, number: usize) -> Option<usize> {
-        self.partition.as_ref().map_or(Some(number), |of| of.index[number])
+        self.partition.as_ref().map_or(Some(number), |numbers| numbers.index[number])
     }
 
     /// Returns the dof of a bound, if this rank has it.
@@ -77,26 +77,29 @@ impl AllBounds {
     }
 
     /// Copies the values of this rank's bounds.
-    pub fn restrict(&self, all: &[f64], own: &mut [f64]) {
+    pub fn restrict(&self, values: &[f64], restricted: &mut [f64]) {
         match &self.partition {
-            None => own.copy_from_slice(all),
+            None => restricted.copy_from_slice(values),
             Some(GlobalNumbers { own: numbers, .. }) => {
-                own.iter_mut().zip(numbers).for_each(|(own, &number)| *own = all[number]);
+                restricted
+                    .iter_mut()
+                    .zip(numbers)
+                    .for_each(|(restricted, &number)| *restricted = values[number]);
             }
         }
     }
 
     /// Returns the values at all bounds, given those at this rank's. Collective.
-    pub fn gather(&self, comm: &impl Communicator, own: Vec<f64>) -> Vec<f64> {
-        let Some(GlobalNumbers { order, .. }) = &self.partition else { return own };
-        let mut all = vec![0.0; self.count];
-        order.iter().zip(comm.all_gather(&own)).for_each(|(&number, value)| all[number] = value);
-        all
+    pub fn gather(&self, comm: &impl Communicator, shares: Vec<f64>) -> Vec<f64> {
+        let Some(GlobalNumbers { order, .. }) = &self.partition else { return shares };
+        let mut values = vec![0.0; self.count];
+        order.iter().zip(comm.all_gather(&shares)).for_each(|(&number, value)| values[number] = value);
+        values
     }
 
     /// Returns the limits of all bounds, without loads. Collective.
-    pub fn limits(&self, comm: &impl Communicator, own: &Bounds) -> Limits {
-        let [lower, upper] = [&own.lower, &own.upper].map(|of| self.gather(comm, of.clone()));
+    pub fn limits(&self, comm: &impl Communicator, bounds: &Bounds) -> Limits {
+        let [lower, upper] = [&bounds.lower, &bounds.upper].map(|side| self.gather(comm, side.clone()));
         Limits { shift: vec![0.0; self.count], lower, upper }
     }
 

@@ -38,7 +38,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     pub(super) fn add_candidates(&mut self, near: Vec<usize>) -> Result<()> {
         let clock = Instant::now();
         let old = self.model.candidates.clone();
-        self.model.extend(&self.saddle, &self.all, &self.loads.limits, self.reach.rows(), &near)?;
+        self.model.extend(&self.saddle, &self.global, &self.loads.limits, self.reach.rows(), &near)?;
         self.compliance_seconds += clock.elapsed().as_secs_f64();
         let candidates = self.model.candidates.clone();
         let shapes = &self.reach.shapes;
@@ -69,8 +69,8 @@ impl<E: Engine> ModalScheme<'_, E> {
             }
         }
         self.contact = extended(&self.contact, &self.model, &old);
-        let known = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
-        self.mean = candidates.iter().map(known).collect();
+        let last_mean = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
+        self.mean = candidates.iter().map(last_mean).collect();
         self.shown.forget();
         Ok(())
     }

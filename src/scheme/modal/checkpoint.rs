@@ -23,8 +23,8 @@ impl<E: Engine> ModalScheme<'_, E> {
         archive.value(&mut self.length)?;
         archive.value(&mut self.relaxation)?;
         self.archive_candidates(archive)?;
-        let ModalScheme { system, modes, all, now, before, implicit, mean_balance, .. } = self;
-        let coordinates = Coordinates::new(system, modes, all);
+        let ModalScheme { system, modes, global, now, before, implicit, mean_balance, .. } = self;
+        let coordinates = Coordinates::new(system, modes, global);
         now.archive(archive, &coordinates)?;
         before.archive(archive, &coordinates)?;
         implicit.archive(archive, &coordinates)?;
@@ -51,15 +51,15 @@ impl<E: Engine> ModalScheme<'_, E> {
         if archive.saves() {
             return Ok(());
         }
-        if self.all.is_partitioned() {
+        if self.global.is_partitioned() {
             // Rounding may have chosen other ones at the start.
             self.model = ContactModel::new(self.model.magnitude);
             self.rows = Mat::new();
             self.reach.forget();
             self.grown.clear();
         }
-        let known = self.grown.len();
-        for near in grown.split_off(known.min(grown.len())) {
+        let count = self.grown.len();
+        for near in grown.split_off(count.min(grown.len())) {
             self.add_candidates(near)?;
         }
         Ok(())

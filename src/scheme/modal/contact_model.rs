@@ -79,46 +79,48 @@ impl ContactModel {
     pub fn extend<E: Engine>(
         &mut self,
         saddle: &ModalSaddlePoint<E>,
-        all: &AllBounds,
+        global: &AllBounds,
         limits: &Limits,
         rows: BoundRows,
         more: &[usize],
     ) -> Result<()> {
         let engine = &saddle.system.engine;
         let BoundRows { shapes, places, lanes } = rows;
-        let dofs: Vec<Option<usize>> = more.iter().map(|&number| all.dof(number)).collect();
+        let dofs: Vec<Option<usize>> = more.iter().map(|&number| global.dof(number)).collect();
         let along = Mat::from_fn(shapes.nrows(), more.len(), |k, j| shapes[(k, more[j])]);
         let flexibility = saddle.rest_of_units(&dofs, &along)?;
         for (column, &number) in flexibility.into_iter().zip(more) {
-            let at = self.candidates.partition_point(|known| *known < number);
-            self.candidates.insert(at, number);
+            let place = self.candidates.partition_point(|candidate| *candidate < number);
+            self.candidates.insert(place, number);
             let mut placed = vec![0.0; lanes];
-            let values = all.values(engine.comm(), &column);
+            let values = global.values(engine.comm(), &column);
             places.iter().zip(values).for_each(|(&place, value)| placed[place] = value);
-            self.at_bounds.insert(at, placed);
-            self.flexibility.insert(at, column);
+            self.at_bounds.insert(place, placed);
+            self.flexibility.insert(place, column);
         }
-        self.list_own(all);
+        self.list_own(global);
         self.note_magnitude(limits);
         let (candidates, at_bounds) = (&self.candidates, &self.at_bounds);
         self.compliance = Mat::from_fn(candidates.len(), candidates.len(), |i, j| {
             let [row, column] = [i, j].map(|k| places[candidates[k]]);
             0.5 * (at_bounds[j][row] + at_bounds[i][column])
         });
-        if !all.laws.are_rigid() {
-            self.laws = all.laws.with(candidates.iter().map(|&number| all.laws.numbers(number)).collect());
+        if !global.laws.are_rigid() {
+            self.laws =
+                global.laws.with(candidates.iter().map(|&number| global.laws.numbers(number)).collect());
         }
         let whole = self.whole(shapes, &saddle.modes.squares, saddle.shift);
         let rigid = self.rigid(limits);
-        let [left, whole] = [&self.compliance, &whole]
-            .map(|of| Mat::from_fn(rigid.len(), rigid.len(), |i, j| of[(rigid[i], rigid[j])]));
-        if remains(&left, &whole) {
+        let [compliance, whole] = [&self.compliance, &whole].map(|compliance| {
+            Mat::from_fn(rigid.len(), rigid.len(), |i, j| compliance[(rigid[i], rigid[j])])
+        });
+        if remains(&compliance, &whole) {
             return Ok(());
         }
         let squares = saddle.modes.squares.clone();
-        let at = |i: usize, k: usize| shapes[(k, self.candidates[rigid[i]])];
-        let shapes = Mat::from_fn(rigid.len(), squares.len(), at);
-        Err(ContactCompliance { compliance: left, shapes, squares }.refusal())
+        let shape = |i: usize, k: usize| shapes[(k, self.candidates[rigid[i]])];
+        let shapes = Mat::from_fn(rigid.len(), squares.len(), shape);
+        Err(ContactCompliance { compliance: compliance, shapes, squares }.refusal())
     }
 
     /// Returns the candidates with a rigid bound. Bounds that yield have a compliance of their own.
@@ -141,9 +143,9 @@ impl ContactModel {
     }
 
     /// Lists the candidates of this rank.
-    fn list_own(&mut self, all: &AllBounds) {
-        let own = |(k, &number): (usize, &usize)| all.own(number).map(|i| (k, i));
-        self.own = self.candidates.iter().enumerate().filter_map(own).collect();
+    fn list_own(&mut self, global: &AllBounds) {
+        let indexed = |(k, &number): (usize, &usize)| global.own(number).map(|i| (k, i));
+        self.own = self.candidates.iter().enumerate().filter_map(indexed).collect();
         self.own.sort_unstable_by_key(|&(_, i)| i);
     }
 
@@ -164,8 +166,8 @@ pub(crate) fn extended(solver: &ComplianceSolver, model: &ContactModel, old: &[u
         more.prepare_softness();
     }
     more.factorisations = solver.factorisations;
-    for (of, side) in old.iter().zip(&solver.sides) {
-        if let Ok(k) = candidates.binary_search(of) {
+    for (number, side) in old.iter().zip(&solver.sides) {
+        if let Ok(k) = candidates.binary_search(number) {
             more.sides[k] = *side;
         }
     }

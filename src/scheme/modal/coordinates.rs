@@ -21,15 +21,15 @@ const SAME: f64 = 1e-12;
 pub(crate) struct Coordinates<'a, E: Engine> {
     system: &'a System<E>,
     modes: &'a MassModes,
-    all: &'a AllBounds,
+    global: &'a AllBounds,
     /// Whether the modes are those of the saved coordinates.
     are_same: Cell<bool>,
 }
 
 impl<'a, E: Engine> Coordinates<'a, E> {
     /// Creates the coordinates of some modes.
-    pub fn new(system: &'a System<E>, modes: &'a MassModes, all: &'a AllBounds) -> Coordinates<'a, E> {
-        Coordinates { system, modes, all, are_same: Cell::new(true) }
+    pub fn new(system: &'a System<E>, modes: &'a MassModes, global: &'a AllBounds) -> Coordinates<'a, E> {
+        Coordinates { system, modes, global, are_same: Cell::new(true) }
     }
 
     /// Returns whether all coordinates so far were saved with the same modes, but for rounding.
@@ -40,7 +40,7 @@ impl<'a, E: Engine> Coordinates<'a, E> {
     /// Saves or restores modal coordinates. Collective.
     pub fn archive(&self, values: &mut Vec<f64>, archive: &mut Archive) -> Result<()> {
         archive.value(values)?;
-        if !self.all.is_partitioned() {
+        if !self.global.is_partitioned() {
             return Ok(());
         }
         let System { engine, mass, .. } = self.system;

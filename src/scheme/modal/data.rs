@@ -30,7 +30,7 @@ pub(crate) struct ModalLoads {
     pub energies: Mat<f64>,
     /// Modal momenta of the support shapes at 1 m/s, one column per motion.
     pub support_momenta: Mat<f64>,
-    all: Rc<AllBounds>,
+    global: Rc<AllBounds>,
     /// Limits of all bounds at rest, without loads.
     pub limits: Limits,
 }
@@ -66,7 +66,7 @@ impl ModalLoads {
         system: &System<E>,
         modes: &MassModes,
         saddle: &ModalSaddlePoint<E>,
-        all: &Rc<AllBounds>,
+        global: &Rc<AllBounds>,
     ) -> Result<ModalLoads> {
         let System { engine, bounds, .. } = system;
         let (dofs, comm) = (engine.dofs(), engine.comm());
@@ -80,12 +80,12 @@ impl ModalLoads {
         let momenta = Mat::from_fn(dofs, supports.len(), |i, k| supports[k].momentum[i]);
         Ok(ModalLoads {
             forces: summed(comm, modes.shapes.transpose() * &loads),
-            shifts: all.rows(comm, &responses),
+            shifts: global.rows(comm, &responses),
             energies: summed(comm, loads.transpose() * &responses),
             responses,
             support_momenta: summed(comm, modes.shapes.transpose() * momenta),
-            limits: all.limits(comm, bounds),
-            all: all.clone(),
+            limits: global.limits(comm, bounds),
+            global: global.clone(),
         })
     }
 
@@ -103,15 +103,15 @@ impl ModalLoads {
     ) -> Result<ModalData> {
         let drive = &system.drive;
         let comm = system.engine.comm();
-        let all = match drive.bounds {
-            Some(_) => self.all.limits(comm, &system.bounds_at(time)?),
+        let limits = match drive.bounds {
+            Some(_) => self.global.limits(comm, &system.bounds_at(time)?),
             None => self.limits.clone(),
         };
         let mut data = ModalData {
             factors: vec![1.0],
             force: vec![0.0; self.forces.nrows()],
             places: drive.places(time)?,
-            all,
+            all: limits,
             ..ModalData::default()
         };
         for term in &drive.terms {
@@ -127,16 +127,17 @@ impl ModalLoads {
             load(time, wave.col_as_slice_mut(0))?;
             let response = saddle.rest(&wave)?;
             let onto = [&modes.shapes, &response, &self.responses];
-            let columns = onto.into_iter().flat_map(|of| (0..of.ncols()).map(|k| of.col_as_slice(k)));
-            let own: Vec<f64> = columns.map(|column| dot(column, wave.col_as_slice(0))).collect();
-            let products = comm.all_reduce_sum_slice(&own);
+            let columns =
+                onto.into_iter().flat_map(|matrix| (0..matrix.ncols()).map(|k| matrix.col_as_slice(k)));
+            let shares: Vec<f64> = columns.map(|column| dot(column, wave.col_as_slice(0))).collect();
+            let products = comm.all_reduce_sum_slice(&shares);
             let (forces, energies) = products.split_at(modes.count());
             add(forces, &mut data.force);
             data.wave_energy = 0.5 * energies[0];
             for (factor, energy) in data.factors.iter().zip(&energies[1..]) {
                 data.wave_energy += factor * energy;
             }
-            add(self.all.rows(comm, &response).col_as_slice(0), &mut data.all.shift);
+            add(self.global.rows(comm, &response).col_as_slice(0), &mut data.all.shift);
             data.wave = response.col_as_slice(0).to_vec();
         }
         data.select(candidates);

@@ -52,7 +52,7 @@ impl Flight {
     /// Looks for the longest horizon before which no candidate touches.
     fn check(&mut self, reach: &Reach, candidates: &[usize], state: &State, pull: &[f64]) {
         let rounding = ROUNDING * norm(&state.q);
-        let error = |of: &Forecast| of.error(&state.v, pull) + rounding;
+        let error = |forecast: &Forecast| forecast.error(&state.v, pull) + rounding;
         let mut level = reach.next_level(self.level, self.since);
         let least = error(&reach.forecasts[0]);
         let mut motion = Default::default();
@@ -60,7 +60,7 @@ impl Flight {
         loop {
             let forecast = &reach.forecasts[level];
             forecast.motion(&state.q, &state.v, pull, &mut motion);
-            let motion = motion.each_ref().map(|of: &Vec<f64>| &**of);
+            let motion = motion.each_ref().map(|coefficients: &Vec<f64>| &**coefficients);
             let slack = |k: usize| {
                 let i = candidates[k];
                 let mut y = dots(reach.shapes.col_as_slice(i), motion);

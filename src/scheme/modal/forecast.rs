@@ -44,10 +44,12 @@ impl Forecast {
             if share >= 1.0 {
                 of_pull[0][k] = 1.0 / square;
             } else {
-                let [a, b] =
-                    [&rotations.each_ref().map(|of| of.a[k]), &rotations.each_ref().map(|of| of.b[k])];
-                of_rate.iter_mut().zip(through(times, a)).for_each(|(of, value)| of[k] = value);
-                of_pull.iter_mut().zip(through(times, b)).for_each(|(of, value)| of[k] = value);
+                let [a, b] = [
+                    &rotations.each_ref().map(|column| column.a[k]),
+                    &rotations.each_ref().map(|column| column.b[k]),
+                ];
+                of_rate.iter_mut().zip(through(times, a)).for_each(|(column, value)| column[k] = value);
+                of_pull.iter_mut().zip(through(times, b)).for_each(|(column, value)| column[k] = value);
             }
             [rate_error[k], pull_error[k]] = match *square == 0.0 {
                 true => [third * decay * decay, third * decay].map(|error| SQRT_2 * error),
@@ -139,8 +141,8 @@ mod tests {
                 let exact = Rotation::new(&squares, &decays, time);
                 for k in 0..6 {
                     let [a, b, c] = [motion[0][k], motion[1][k], motion[2][k]];
-                    let of = q[k] + exact.a[k] * v[k] + exact.b[k] * pull[k];
-                    farthest[k] = farthest[k].max((a + time * (b + time * c) - of).abs());
+                    let exactly = q[k] + exact.a[k] * v[k] + exact.b[k] * pull[k];
+                    farthest[k] = farthest[k].max((a + time * (b + time * c) - exactly).abs());
                 }
             }
             for (k, far) in farthest.iter().enumerate() {

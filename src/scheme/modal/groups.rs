@@ -97,12 +97,12 @@ impl Groups {
     pub fn new(shapes: &Mat<f64>, sizes: &[f64], squares: &[f64]) -> Groups {
         let lowest = squares.iter().copied().find(|square| *square > 0.0).unwrap_or(1.0);
         let frequencies: Vec<f64> = squares.iter().map(|square| square.max(lowest).sqrt()).collect();
-        let mut all: Vec<usize> = (0..shapes.ncols()).collect();
+        let mut bounds: Vec<usize> = (0..shapes.ncols()).collect();
         let head = frequencies.len().div_ceil(HEAD).next_multiple_of(LANES).min(frequencies.len());
         let mut groups = Vec::new();
-        let mut places = vec![0; all.len()];
+        let mut places = vec![0; bounds.len()];
         let mut start = 0;
-        divide(shapes, &frequencies, &mut all, &mut |members| {
+        divide(shapes, &frequencies, &mut bounds, &mut |members| {
             members.iter().enumerate().for_each(|(m, &i)| places[i] = start + m);
             let size = members.len();
             groups.push(Group { start, ..Group::new(members, shapes, sizes, &frequencies, head) });
@@ -128,8 +128,8 @@ impl Groups {
     /// ascending.
     pub fn members(&self, g: usize) -> impl Iterator<Item = (usize, usize)> {
         let Group { members, weights, .. } = &self.groups[g];
-        let all = members.iter().copied().enumerate();
-        all.filter(|(m, _)| weights[*m] > 0.0)
+        let pairs = members.iter().copied().enumerate();
+        pairs.filter(|(m, _)| weights[*m] > 0.0)
     }
 
     /// Notes that a bound has become a candidate.
@@ -197,27 +197,27 @@ impl Groups {
         slacks: &mut Slacks,
     ) -> f64 {
         let Group { start, rank, rows, coefficients, scales, lower, upper, has_upper, .. } = &self.groups[g];
-        let (all, modes) = (self.frequencies.len(), motion[0].len());
-        let motion = motion.map(|of| &of[..modes]);
+        let (count, modes) = (self.frequencies.len(), motion[0].len());
+        let motion = motion.map(|coefficients| &coefficients[..modes]);
         let Slacks { factors, of_members } = slacks;
-        for at in 0..rank.div_ceil(LANES) {
-            let rows = &rows[LANES * all * at..];
+        for block in 0..rank.div_ceil(LANES) {
+            let rows = &rows[LANES * count * block..];
             let mut sums = [[0.0; LANES]; 3];
             for (k, row) in rows.as_chunks::<LANES>().0[..modes].iter().enumerate() {
-                accumulate(&mut sums, row, motion.map(|of| of[k]));
+                accumulate(&mut sums, row, motion.map(|coefficients| coefficients[k]));
             }
             for (factors, sums) in factors.iter_mut().zip(sums) {
-                factors[LANES * at..LANES * (at + 1)].copy_from_slice(&sums);
+                factors[LANES * block..LANES * (block + 1)].copy_from_slice(&sums);
             }
         }
         let mut least_slack = f64::INFINITY;
-        for at in 0..scales.len() / LANES {
-            let rows = coefficients[LANES * rank * at..].as_chunks::<LANES>().0;
+        for block in 0..scales.len() / LANES {
+            let rows = coefficients[LANES * rank * block..].as_chunks::<LANES>().0;
             let mut sums = [[0.0; LANES]; 3];
             for (j, row) in rows[..*rank].iter().enumerate() {
                 accumulate(&mut sums, row, [factors[0][j], factors[1][j], factors[2][j]]);
             }
-            let members = LANES * at..LANES * (at + 1);
+            let members = LANES * block..LANES * (block + 1);
             let [mut y, rate, curve] = sums;
             for (response, r) in acting {
                 let response = &response[start + members.start..start + members.end];
@@ -225,7 +225,7 @@ impl Groups {
                     y[lane] += r * response[lane];
                 }
             }
-            let [scales, lower, upper] = [scales, lower, upper].map(|of| &of[members.clone()]);
+            let [scales, lower, upper] = [scales, lower, upper].map(|values| &values[members.clone()]);
             let slacks = &mut of_members[members];
             for lane in 0..LANES {
                 slacks[lane] = least([y[lane] - lower[lane], rate[lane], curve[lane]], end);
@@ -255,8 +255,9 @@ impl Groups {
             let high = sum(a.len() - self.head, |k| point(self.head + k).powi(2));
             [(low + high).sqrt(), high.sqrt()]
         };
-        let [all, high] = [0, 1].map(|part| points.map(|of| size(of)[part]).into_iter().fold(0.0, f64::max));
-        [all, high]
+        let [whole, high] =
+            [0, 1].map(|part| points.map(|point| size(point)[part]).into_iter().fold(0.0, f64::max));
+        [whole, high]
     }
 }
 
@@ -270,7 +271,7 @@ impl Group {
         let tails: Vec<f64> =
             (0..count).map(|j| rests.col(j).subrows(head, modes - head).norm_l2()).collect();
         let enough = REST * norms.iter().copied().fold(0.0, f64::max);
-        let (mut found, mut coefficients): (Vec<f64>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
+        let (mut basis, mut coefficients): (Vec<f64>, Vec<Vec<f64>>) = (Vec::new(), Vec::new());
         let arch = Arch::new();
         while coefficients.len() < count {
             let farthest = (0..count).max_by(|&a, &b| norms[a].total_cmp(&norms[b])).unwrap_or(0);
@@ -279,30 +280,31 @@ impl Group {
             }
             let row: Vec<f64> =
                 rests.col_as_slice(farthest).iter().map(|rest| rest / norms[farthest]).collect();
-            let mut of = vec![0.0; count];
+            let mut factors = vec![0.0; count];
             widest(
                 arch,
                 #[inline(always)]
                 || {
                     for j in 0..count {
                         let rest = rests.col_as_slice_mut(j);
-                        of[j] = dot(&row, rest);
-                        rest.iter_mut().zip(&row).for_each(|(rest, row)| *rest -= of[j] * row);
+                        factors[j] = dot(&row, rest);
+                        rest.iter_mut().zip(&row).for_each(|(rest, row)| *rest -= factors[j] * row);
                         norms[j] = dot(rest, rest).sqrt();
                     }
                 },
             );
-            found.extend(row.iter().zip(frequencies).map(|(row, frequency)| row * frequency));
-            coefficients.push(of);
+            basis.extend(row.iter().zip(frequencies).map(|(row, frequency)| row * frequency));
+            coefficients.push(factors);
         }
-        let largest =
-            |of: &dyn Fn(usize) -> f64| (0..count).map(|j| of(j) / sizes[members[j]]).fold(0.0, f64::max);
+        let largest = |share: &dyn Fn(usize) -> f64| {
+            (0..count).map(|j| share(j) / sizes[members[j]]).fold(0.0, f64::max)
+        };
         let rest = |j: usize| norms[j] + rounding[j];
         let scales = filled(members.iter().map(|&i| 1.0 / sizes[i]), 1.0);
         Group {
             rest: largest(&rest),
             tail: largest(&|j| tails[j] + rest(j)),
-            rows: by_lanes(coefficients.len(), modes, |j, k| found[j * modes + k]),
+            rows: by_lanes(coefficients.len(), modes, |j, k| basis[j * modes + k]),
             coefficients: by_lanes(count, coefficients.len(), |m, j| coefficients[j][m]),
             rank: coefficients.len(),
             weights: scales.clone(),
@@ -349,16 +351,16 @@ fn filled(values: impl Iterator<Item = f64>, rest: f64) -> Vec<f64> {
 
 /// Divides dofs into groups by halves, each time along the mode whose deflections, in terms of
 /// energy, differ most, and passes on the ascending members of each.
-fn divide(shapes: &Mat<f64>, frequencies: &[f64], all: &mut [usize], found: &mut dyn FnMut(Vec<usize>)) {
-    if all.len() <= LARGEST {
-        if !all.is_empty() {
-            all.sort_unstable();
-            found(all.to_vec());
+fn divide(shapes: &Mat<f64>, frequencies: &[f64], bounds: &mut [usize], add: &mut dyn FnMut(Vec<usize>)) {
+    if bounds.len() <= LARGEST {
+        if !bounds.is_empty() {
+            bounds.sort_unstable();
+            add(bounds.to_vec());
         }
         return;
     }
     let extent = |k: usize| {
-        let values = all.iter().map(|&i| shapes[(k, i)]);
+        let values = bounds.iter().map(|&i| shapes[(k, i)]);
         let [least, most] = values.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], value| {
             [value.min(least), value.max(most)]
         });
@@ -366,13 +368,13 @@ fn divide(shapes: &Mat<f64>, frequencies: &[f64], all: &mut [usize], found: &mut
     };
     let extents: Vec<f64> = (0..frequencies.len().min(GUIDES)).map(extent).collect();
     let guide = (0..extents.len()).max_by(|&a, &b| extents[a].total_cmp(&extents[b])).unwrap_or(0);
-    let middle = all.len() / 2;
-    all.select_nth_unstable_by(middle, |&a, &b| {
+    let middle = bounds.len() / 2;
+    bounds.select_nth_unstable_by(middle, |&a, &b| {
         shapes[(guide, a)].total_cmp(&shapes[(guide, b)]).then(a.cmp(&b))
     });
-    let (left, right) = all.split_at_mut(middle);
-    divide(shapes, frequencies, left, found);
-    divide(shapes, frequencies, right, found);
+    let (left, right) = bounds.split_at_mut(middle);
+    divide(shapes, frequencies, left, add);
+    divide(shapes, frequencies, right, add);
 }
 
 #[cfg(test)]
@@ -397,13 +399,13 @@ mod tests {
         let lower: Vec<f64> = (0..400).map(|i| -1.0 - 0.3 * place(i)[0]).collect();
         let shift: Vec<f64> = (0..400).map(|i| 1e-2 * place(i)[1]).collect();
         let limits = Limits { shift, lower, upper: vec![2.0; 400] };
-        let all: Vec<usize> = (0..groups.count()).collect();
-        groups.follow(&all, &limits);
+        let numbers: Vec<usize> = (0..groups.count()).collect();
+        groups.follow(&numbers, &limits);
         for seed in 0..20 {
             let of_mode = |k: usize, scale: f64| scale * ((7 * k + seed) as f64 * 1.7).sin() / (1 + k) as f64;
             let motion =
                 [0.5, 20.0, 300.0].map(|scale| (0..12).map(|k| of_mode(k, scale)).collect::<Vec<_>>());
-            let motion = motion.each_ref().map(|of| &**of);
+            let motion = motion.each_ref().map(|coefficients| &**coefficients);
             let [most, high] = groups.largest_roots_of_energy(motion, 0.02);
             let mut slacks = Slacks::new();
             for g in 0..groups.count() {
@@ -415,7 +417,7 @@ mod tests {
                 let slack = groups.members(g).map(slack).fold(f64::INFINITY, f64::min);
                 let [rest, tail] = groups.rests(g);
                 let bound = groups.slack(g, motion, 0.02, &[], &mut slacks) - rest * most;
-                let low = motion.map(|of| &of[..groups.head]);
+                let low = motion.map(|coefficients| &coefficients[..groups.head]);
                 let rough = groups.slack(g, low, 0.02, &[], &mut slacks) - rest * most - tail * high;
                 assert!(rough <= slack, "{g}: {rough} > {slack}");
                 assert!(bound <= slack, "{g}: {bound} > {slack}");

@@ -93,8 +93,8 @@ impl Implicit {
         let scaled = Mat::from_fn(rows.nrows(), rows.ncols(), |k, i| self.inverse[k] * rows[(k, i)]);
         let sum = rows.transpose() * scaled + &model.compliance * faer::Scale(self.rest);
         self.compliance = Mat::from_fn(sum.nrows(), sum.ncols(), |i, j| 0.5 * (sum[(i, j)] + sum[(j, i)]));
-        let known = |of| old.binary_search(of).map_or(0.0, |k| self.reaction[k]);
-        self.reaction = model.candidates.iter().map(known).collect();
+        let last_reaction = |number| old.binary_search(number).map_or(0.0, |k| self.reaction[k]);
+        self.reaction = model.candidates.iter().map(last_reaction).collect();
         self.x = vec![0.0; model.candidates.len()];
         self.contact = extended(&self.contact, model, old);
     }
@@ -102,7 +102,8 @@ impl Implicit {
     /// Solves for the reactions that keep the bounded configuration within its limits, given the
     /// one without reactions, in m. The reactions displace it by their `share` of the compliance S.
     pub fn solve(&mut self, share: f64, model: &ContactModel, mut free: Vec<f64>, limits: &Limits) {
-        let scaled = |of: &[f64]| -> Vec<f64> { of.iter().map(|value| value / share).collect() };
+        let scaled =
+            |deflections: &[f64]| -> Vec<f64> { deflections.iter().map(|value| value / share).collect() };
         free.iter_mut().for_each(|value| *value /= share);
         let (lower, upper) = (scaled(&limits.lower), scaled(&limits.upper));
         // The depth of the unknown is that of the configuration divided by the share.

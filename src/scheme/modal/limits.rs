@@ -13,15 +13,15 @@ pub(crate) struct Limits {
 impl Limits {
     /// Returns the entries of some bounds.
     pub fn select(&self, which: &[usize]) -> Limits {
-        let each = |of: &[f64]| which.iter().map(|&i| of[i]).collect();
+        let each = |values: &[f64]| which.iter().map(|&i| values[i]).collect();
         Limits { shift: each(&self.shift), lower: each(&self.lower), upper: each(&self.upper) }
     }
 
     /// Sets the entries to the differences of two instants; absent obstacles stay.
     pub fn difference(&mut self, from: &Limits, to: &Limits) {
-        let each = |own: &mut Vec<f64>, from: &[f64], to: &[f64]| {
-            own.clear();
-            own.extend(from.iter().zip(to).map(|(a, b)| if a.is_finite() { b - a } else { 0.0 }));
+        let each = |difference: &mut Vec<f64>, from: &[f64], to: &[f64]| {
+            difference.clear();
+            difference.extend(from.iter().zip(to).map(|(a, b)| if a.is_finite() { b - a } else { 0.0 }));
         };
         each(&mut self.shift, &from.shift, &to.shift);
         each(&mut self.lower, &from.lower, &to.lower);
@@ -37,9 +37,9 @@ impl Limits {
 }
 
 /// Sets values to those at the fraction `share` of the way from one instant to another.
-pub(crate) fn mix(own: &mut [f64], from: &[f64], to: &[f64], share: f64) {
-    for (own, (from, to)) in own.iter_mut().zip(from.iter().zip(to)) {
+pub(crate) fn mix(mixed: &mut [f64], from: &[f64], to: &[f64], share: f64) {
+    for (mixed, (from, to)) in mixed.iter_mut().zip(from.iter().zip(to)) {
         // Absent obstacles have infinite bounds.
-        *own = if from.is_finite() { from + share * (to - from) } else { *from };
+        *mixed = if from.is_finite() { from + share * (to - from) } else { *from };
     }
 }

@@ -42,8 +42,8 @@ impl MeanBalance {
     /// Keeps the loads of a step that was shortened to the part `gamma`; the whole step would have
     /// ended at the instant `end` (s).
     pub fn keep_loads(&mut self, end: f64, gamma: f64) {
-        let part = |of: &Instants, share: f64| -> Instants {
-            of.iter().map(|(time, weight)| (*time, share * weight)).collect()
+        let part = |instants: &Instants, share: f64| -> Instants {
+            instants.iter().map(|(time, weight)| (*time, share * weight)).collect()
         };
         self.of_last = part(&self.held, 0.5);
         self.of_last.push((end, 0.5));

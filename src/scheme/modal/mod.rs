@@ -107,7 +107,7 @@ pub struct ModalScheme<'s, E: Engine> {
     system: &'s System<E>,
     modes: Rc<MassModes>,
     saddle: ModalSaddlePoint<'s, E>,
-    all: Rc<AllBounds>,
+    global: Rc<AllBounds>,
     model: ContactModel,
     loads: ModalLoads,
     /// Decay rates of the modes, in 1/s.
@@ -207,10 +207,10 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         };
         let modes = modes.clone();
         let saddle = ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), &modes)?;
-        let all = Rc::new(AllBounds::new(system));
+        let global = Rc::new(AllBounds::new(system));
         let comm = system.engine.comm();
-        let loads = ModalLoads::new(system, &modes, &saddle, &all)?;
-        let shapes = all.shapes(comm, &modes)?;
+        let loads = ModalLoads::new(system, &modes, &saddle, &global)?;
+        let shapes = global.shapes(comm, &modes)?;
         let decays = system.decay_rates(&modes);
         let now = State {
             data: loads.at(system, &modes, &saddle, &[], 0.0)?.into(),
@@ -249,7 +249,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
             system,
             modes,
             saddle,
-            all,
+            global,
             model: ContactModel::new(comm.all_reduce_max(bounds.size)),
             loads,
             decays,

@@ -58,7 +58,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// state solves the problem of the step.
     pub(super) fn newmark_step(&mut self, parameters: NewmarkParameters) -> Result<()> {
         let half = 0.5 * parameters.step;
-        let (known, pressed) = (self.model.candidates.clone(), self.implicit.reaction.clone());
+        let (old, pressed) = (self.model.candidates.clone(), self.implicit.reaction.clone());
         self.model.own.iter().for_each(|&(k, i)| self.record.impulses[i] += half * pressed[k]);
         std::mem::swap(&mut self.before, &mut self.now);
         std::mem::swap(&mut self.now, &mut self.implicit.next);
@@ -66,7 +66,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let ModalScheme { model, record, implicit, before, now, free, .. } = self;
         for &(k, i) in &model.own {
             record.impulses[i] += half * implicit.reaction[k];
-            let last = known.binary_search(&model.candidates[k]).map_or(0.0, |k| pressed[k]);
+            let last = old.binary_search(&model.candidates[k]).map_or(0.0, |k| pressed[k]);
             if last == 0.0 && implicit.reaction[k] != 0.0 {
                 let velocity = (now.x[k] - before.x[k]) / record.dt;
                 free[i] = Approach { time: record.time(), deflection: now.x[k], velocity };
@@ -238,7 +238,8 @@ impl<E: Engine> ModalScheme<'_, E> {
         (now.v, now.frame_rates) = (v, frame_rates);
         let (from, to) = (&before.data.near, &next.data.near);
         for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            let bound = |of: &Limits| if *r > 0.0 { of.lower[i] } else { of.upper[i] } - of.shift[i];
+            let bound =
+                |limits: &Limits| if *r > 0.0 { limits.lower[i] } else { limits.upper[i] } - limits.shift[i];
             increment += 0.5 * r * (bound(to) - bound(from));
         }
         let [sum, last] = *work;

@@ -190,7 +190,7 @@ impl Reach {
         if tier.is_free {
             return true;
         }
-        let [a, b, c] = tier.motion.each_ref().map(|of| &of[..state.q.len()]);
+        let [a, b, c] = tier.motion.each_ref().map(|coefficients| &coefficients[..state.q.len()]);
         let q = &state.q;
         let strayed = widest(
             self.arch,
@@ -231,9 +231,9 @@ impl Reach {
         let Check { state, pull, .. } = check;
         let rounding = ROUNDING * norm(&state.q);
         // No tier takes a longer horizon than one after its last, or than that of the tier before.
-        let known = self.tiers.iter().skip(first.saturating_sub(1)).map(|tier| tier.level + 2).max();
-        let levels = if first == 0 { LEVELS } else { known.unwrap_or(LEVELS).min(LEVELS) };
-        let error = |of: &Forecast| (of.error(&state.v, pull) + rounding) / SHARE;
+        let longest = self.tiers.iter().skip(first.saturating_sub(1)).map(|tier| tier.level + 2).max();
+        let levels = if first == 0 { LEVELS } else { longest.unwrap_or(LEVELS).min(LEVELS) };
+        let error = |forecast: &Forecast| (forecast.error(&state.v, pull) + rounding) / SHARE;
         let errors: Vec<f64> = self.forecasts[..levels].iter().map(error).collect();
         let mut start = self.tiers.get(first).map_or(0, |tier| tier.start);
         for index in first.. {
@@ -286,8 +286,8 @@ impl Reach {
                 check,
                 if tier.level == 0 { [near, near] } else { [errors[tier.level], enough] },
             );
-            let own = &self.order[tier.start..self.order.len() - inner];
-            tier.radius = own.iter().map(|&g| self.slacks[g]).fold(f64::INFINITY, f64::min);
+            let outer = &self.order[tier.start..self.order.len() - inner];
+            tier.radius = outer.iter().map(|&g| self.slacks[g]).fold(f64::INFINITY, f64::min);
             if tier.radius >= errors[tier.level] || tier.level == 0 {
                 break;
             }
@@ -313,7 +313,7 @@ impl Reach {
         if lasted == 0.0 {
             return level;
         }
-        let longer = self.forecasts.partition_point(|of| of.seconds <= 2.0 * lasted);
+        let longer = self.forecasts.partition_point(|forecast| forecast.seconds <= 2.0 * lasted);
         longer.min(level + 1).min(LEVELS - 1)
     }
 
@@ -321,8 +321,8 @@ impl Reach {
     /// candidates.
     pub fn remove(&mut self, model: &ContactModel, old: &[usize], near: &[usize]) {
         for tier in self.tiers.iter_mut().filter(|tier| !tier.reaction.is_empty()) {
-            let known = |i| old.binary_search(i).map_or(0.0, |k| tier.reaction[k]);
-            tier.reaction = model.candidates.iter().map(known).collect();
+            let reaction = |i| old.binary_search(i).map_or(0.0, |k| tier.reaction[k]);
+            tier.reaction = model.candidates.iter().map(reaction).collect();
         }
         near.iter().for_each(|&i| self.groups.remove(i));
         for k in near.iter().filter_map(|i| model.candidates.binary_search(i).ok()) {

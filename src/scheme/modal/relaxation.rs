@@ -115,7 +115,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let (energy, size) = self.excess(received + obstacles - dissipated);
         let State { reaction, x, y, .. } = &self.before;
         let rest: f64 = reaction.iter().zip(x.iter().zip(y)).map(|(r, (x, y))| 0.5 * r * (x - y)).sum();
-        let left = energy[0] + rest + self.model.laws.stored_under(reaction);
+        let start = energy[0] + rest + self.model.laws.stored_under(reaction);
         let increments = &self.increments;
         let mut step = ContactStep {
             contact: &mut self.contact,
@@ -137,7 +137,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             false => root(&mut step, RANGE)?,
         };
         let gamma = match gamma {
-            None if is_last || (moved - left).abs() <= LEFT * size => {
+            None if is_last || (moved - start).abs() <= LEFT * size => {
                 step.move_to(1.0)?;
                 Some(1.0)
             }

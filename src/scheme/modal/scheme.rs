@@ -113,8 +113,8 @@ impl<E: Engine> ModalScheme<'_, E> {
 
     /// Shows the limits of this rank's bounds, given those of all.
     pub(super) fn show_limits(&mut self, limits: &Limits) {
-        self.all.restrict(&limits.lower, &mut self.shown.limits.lower);
-        self.all.restrict(&limits.upper, &mut self.shown.limits.upper);
+        self.global.restrict(&limits.lower, &mut self.shown.limits.lower);
+        self.global.restrict(&limits.upper, &mut self.shown.limits.upper);
     }
 
     /// Interpolates q between the states around the grid instant, and computes the reactions.
@@ -145,7 +145,8 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// Returns the energy stored in bounds that yield at or just after the instant, in J.
     fn stored_energy(&self) -> f64 {
         let between = || self.model.laws.stored_under(&self.now.reaction);
-        self.newmark_parameters().map_or_else(between, |of| of.stored_now(self.implicit.stored))
+        self.newmark_parameters()
+            .map_or_else(between, |parameters| parameters.stored_now(self.implicit.stored))
     }
 
     /// Returns the displacement of the shown state, in m, one entry per dof.
@@ -167,8 +168,8 @@ impl<E: Engine> ModalScheme<'_, E> {
     fn shape_at(&self, dof: usize) -> f64 {
         let State { q, x, reaction, data, is_settled, .. } = self.shown();
         let ModalScheme { system, model, loads, modes, .. } = self;
-        let mut own = model.own.iter().filter(|_| *is_settled);
-        if let Some(&(k, _)) = own.find(|(_, i)| system.bounds.dofs[*i] == dof) {
+        let mut shown = model.own.iter().filter(|_| *is_settled);
+        if let Some(&(k, _)) = shown.find(|(_, i)| system.bounds.dofs[*i] == dof) {
             return x[k];
         }
         let mut rows = self.shown.dof_rows.borrow_mut();
@@ -187,11 +188,11 @@ impl<E: Engine> ModalScheme<'_, E> {
         self.ahead -= dt;
         while self.ahead < 0.0 {
             let time = self.time() + self.ahead;
-            let (left, part) = (-self.ahead, self.rotation.seconds);
+            let (rest, part) = (-self.ahead, self.rotation.seconds);
             // A step in flight is exact whatever its length, and returns to the grid.
             let seconds = match self.now.touches() {
                 true => self.length,
-                false if left < (1.0 - SAME_TIME) * part => left,
+                false if rest < (1.0 - SAME_TIME) * part => rest,
                 false => part,
             };
             self.step_on(time, seconds)?;

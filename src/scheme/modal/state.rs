@@ -51,8 +51,8 @@ impl State {
     /// Computes the deflections of new candidates, without reactions so far.
     pub fn extend(&mut self, model: &ContactModel, rows: &Mat<f64>, old: &[usize]) {
         let mut reaction = vec![0.0; model.candidates.len()];
-        for (&of, r) in old.iter().zip(&self.reaction) {
-            if let Ok(k) = model.candidates.binary_search(&of) {
+        for (&number, r) in old.iter().zip(&self.reaction) {
+            if let Ok(k) = model.candidates.binary_search(&number) {
                 reaction[k] = *r;
             }
         }

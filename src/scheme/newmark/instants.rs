@@ -102,7 +102,7 @@ impl CentralInstants {
     /// of n + 1 is used alone.
     fn average_bounds(&mut self) {
         let e = self.parameters.restitution;
-        let of = |prev: f64, next: f64| {
+        let average_of = |prev: f64, next: f64| {
             let average = (next + e * prev) / (1.0 + e);
             if prev.is_finite() && next.is_finite() { average } else { next }
         };
@@ -110,8 +110,8 @@ impl CentralInstants {
             (&mut self.limits, &self.prev.bounds, &self.next.bounds)
         {
             for i in 0..limits.len() {
-                limits.lower[i] = of(prev.lower[i], next.lower[i]);
-                limits.upper[i] = of(prev.upper[i], next.upper[i]);
+                limits.lower[i] = average_of(prev.lower[i], next.lower[i]);
+                limits.upper[i] = average_of(prev.upper[i], next.upper[i]);
             }
         }
     }

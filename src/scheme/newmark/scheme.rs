@@ -55,8 +55,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
             product: if system.is_damped() { vec![0.0; dofs] } else { Vec::new() },
         };
         levels.force.renew(system, &levels.u_n)?;
-        let own = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
-        let at_start = if system.bounds.laws.are_rigid() { 0.0 } else { system.total(own)? };
+        let stored = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
+        let at_start = if system.bounds.laws.are_rigid() { 0.0 } else { system.total(stored)? };
         driver.anchor_sliders(&levels.u_n, 1.0);
         driver.feed_residuals_forward(levels.energy_at_start(&start.velocity)?);
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };

@@ -135,8 +135,8 @@ impl<'s, E: Engine> Held<'s, E> {
         let System { engine, stiffness, bounds, .. } = system;
         let diagonal = engine.diagonal(&stiffness.into())?;
         let node = |i: usize| {
-            let of = |rates: &Bounds| if reaction[i] > 0.0 { rates.lower[i] } else { rates.upper[i] };
-            let (dof, rate) = (bounds.dofs[i], change.bounds.as_ref().map_or(0.0, of));
+            let rate_of = |rates: &Bounds| if reaction[i] > 0.0 { rates.lower[i] } else { rates.upper[i] };
+            let (dof, rate) = (bounds.dofs[i], change.bounds.as_ref().map_or(0.0, rate_of));
             let law = bounds.laws.pressed(i, reaction[i]);
             let compliance = law.map_or(0.0, |law| {
                 let force = reaction[i].abs();

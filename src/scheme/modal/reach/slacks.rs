@@ -11,18 +11,18 @@ impl Reach {
     pub(super) fn evaluate(&mut self, tier: &Tier) {
         let Reach { order, slacks, errors, groups, .. } = self;
         let end = self.forecasts[tier.level].seconds;
-        let motion = tier.motion.each_ref().map(|of| &**of);
+        let motion = tier.motion.each_ref().map(|coefficients| &**coefficients);
         let pressure: f64 = tier.reaction.iter().map(|r| r.abs()).sum();
         widest(
             self.arch,
             #[inline(always)]
             || {
-                let [all, high] = groups.largest_roots_of_energy(motion, end);
-                let low = motion.map(|of| &of[..groups.head]);
+                let [whole, high] = groups.largest_roots_of_energy(motion, end);
+                let low = motion.map(|coefficients| &coefficients[..groups.head]);
                 let mut work = Slacks::new();
                 for &g in &order[tier.start..] {
                     let [rest, tail] = groups.rests(g);
-                    errors[g] = rest * all + tail * high + groups.flexibility(&[g]) * pressure;
+                    errors[g] = rest * whole + tail * high + groups.flexibility(&[g]) * pressure;
                     slacks[g] = groups.slack(g, low, end, &[], &mut work) - errors[g];
                 }
             },
@@ -35,7 +35,7 @@ impl Reach {
     pub(super) fn sharpen(&mut self, tier: &Tier, inner: usize, check: &Check, [needed, enough]: [f64; 2]) {
         let Reach { order, shapes, slacks, node_slacks, errors, sizes, groups, .. } = self;
         let end = self.forecasts[tier.level].seconds;
-        let motion = tier.motion.each_ref().map(|of| &**of);
+        let motion = tier.motion.each_ref().map(|coefficients| &**coefficients);
         let limits = &check.state.data.all;
         let reactions = tier.reaction.iter().copied().enumerate();
         let pressing = reactions.filter(|(_, r)| *r != 0.0);
@@ -46,14 +46,14 @@ impl Reach {
             self.arch,
             #[inline(always)]
             || {
-                let [all, _] = groups.largest_roots_of_energy(motion, end);
+                let [whole, _] = groups.largest_roots_of_energy(motion, end);
                 let mut work = Slacks::new();
                 for &g in &order[tier.start..order.len() - inner] {
                     if is_known(slacks[g], errors[g]) {
                         continue;
                     }
                     let [rest, _] = groups.rests(g);
-                    errors[g] = rest * all;
+                    errors[g] = rest * whole;
                     slacks[g] = groups.slack(g, motion, end, &acting, &mut work) - errors[g];
                     if is_known(slacks[g], errors[g]) {
                         continue;
@@ -81,9 +81,9 @@ impl Reach {
     pub(super) fn divide(&mut self, start: usize, inner: usize) {
         let slacks = &self.slacks;
         let groups = &mut self.order[start..];
-        let own = groups.len() - inner;
-        if inner > 0 && own > 0 {
-            groups.select_nth_unstable_by(own - 1, |&a, &b| slacks[b].total_cmp(&slacks[a]));
+        let outer = groups.len() - inner;
+        if inner > 0 && outer > 0 {
+            groups.select_nth_unstable_by(outer - 1, |&a, &b| slacks[b].total_cmp(&slacks[a]));
         }
     }
 
