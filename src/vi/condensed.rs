@@ -20,7 +20,7 @@ use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{clear, is_zero};
-use crate::linalg::{Engine, Factor, LinearCombination};
+use crate::linalg::{Engine, Factor, LinearCombination, estimate_factor_error};
 use crate::obstacle::Bounds;
 
 /// Number of candidates above which active dofs are pinned in the sparse matrix.
@@ -97,11 +97,11 @@ impl Condensed {
     /// Returns [`Error::Singular`] where the matrix is not positive definite.
     pub fn new(engine: &impl Engine, matrix: &LinearCombination, bounded: usize) -> Result<Condensed> {
         let mut factor = engine.factor(matrix, &[])?;
-        let error = engine.estimate_factor_error(matrix, factor.as_mut())?;
+        let error = estimate_factor_error(engine, matrix, factor.as_mut())?;
         Condensed::with_factor(engine, factor, error, bounded)
     }
 
-    /// Takes a factor without contact dofs whose [`Engine::estimate_factor_error`] is `error`.
+    /// Takes a factor without contact dofs whose [`estimate_factor_error`] is `error`.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where rounding spoils the factor too much.
@@ -362,7 +362,7 @@ impl<E: Engine> Solver<E> for Condensed {
     fn add_digits(&mut self, engine: &E, matrix: &LinearCombination) -> Result<()> {
         if self.factor.add_digits(matrix)? {
             self.factorisations += 1;
-            self.error_with_digits = Some(engine.estimate_factor_error(matrix, self.factor.as_mut())?);
+            self.error_with_digits = Some(estimate_factor_error(engine, matrix, self.factor.as_mut())?);
         }
         Ok(())
     }

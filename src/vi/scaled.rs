@@ -30,7 +30,7 @@ use crate::communicator::Communicator;
 use crate::distributed::Distributed;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, difference, hadamard};
-use crate::linalg::{Engine, Factor, LinearCombination};
+use crate::linalg::{Engine, Factor, LinearCombination, estimate_factor_error};
 use crate::obstacle::Bounds;
 use crate::petsc::{Context, INFINITY, Matrix, Reason, Vector};
 use std::cell::RefCell;
@@ -284,7 +284,7 @@ impl Bounded {
     ) -> Result<Bounded> {
         let context = engine.context();
         let mut factor = engine.factor(matrix, &[])?;
-        let factor_error = engine.estimate_factor_error(matrix, factor.as_mut())?;
+        let factor_error = estimate_factor_error(engine, matrix, factor.as_mut())?;
         super::require_convergence(factor_error, engine.dofs())?;
         let scale: Vec<f64> = engine.diagonal(matrix)?.iter().map(|a| 1.0 / a.sqrt()).collect();
         let mut scaled = engine.matrix(matrix)?;
