@@ -8,8 +8,7 @@ use std::collections::BTreeSet;
 const VAGUE: [&str; 7] = ["all", "at", "found", "known", "left", "of", "own"];
 
 /// Modules whose locals still have such names.
-const UNREVISED: &[&str] =
-    &["assembly", "distributed", "dof_map", "kernels", "linalg", "lock_step", "scheme", "vi"];
+const UNREVISED: &[&str] = &["lock_step", "scheme"];
 
 /// Returns the vague names of locals in a file.
 ///
