@@ -4,6 +4,11 @@ use super::comparison::{Columns, both, difference, moves_alike, run};
 use super::scene::Drawn;
 use super::view::{Group, PLAIN};
 use crate::common::command::{rebond, succeeds};
+use crate::common::models::plate;
+use crate::common::plates::Matrices;
+use rebond::assembly;
+use rebond::linalg::vectors::dot;
+use rebond::mesh::Mesh;
 use std::path::Path;
 
 /// Without contact twice the loads and the start give twice the motion.
@@ -87,6 +92,26 @@ pub(super) fn keeps_its_energy(drawn: &Drawn, plain: &Columns, folder: &Path) {
     assert!(worst < bound, "{}: the energy changes by {worst:e} in a step", folder.display());
 }
 
+/// Quantities at the nodes from which the force of a foundation follows, which is no column.
+const NODAL: [&str; 3] = ["deflection", "slope_x", "slope_y"];
+
+/// Returns probes of the deflection and its slopes at the nodes of a mesh.
+fn nodal_probes(mesh: &Mesh) -> String {
+    let probe = |node: usize, quantity: &str| {
+        let [x, y]: [f64; 2] = mesh.nodes[node].into();
+        format!("{{ name = \"{quantity}{node}\", at = [{x:e}, {y:e}], quantity = \"{quantity}\" }}, ")
+    };
+    (0..mesh.nodes.len()).flat_map(|node| NODAL.map(|quantity| probe(node, quantity))).collect()
+}
+
+/// Returns the force of a foundation at the start of a run, in N, given its stiffness in N/m3.
+fn foundation_force(stiffness: f64, mesh: Mesh, columns: &Columns) -> f64 {
+    let start = |node: usize| NODAL.map(|quantity| columns[&format!("{quantity}{node}")][0]);
+    let shape: Vec<f64> = (0..mesh.nodes.len()).flat_map(start).collect();
+    let cells = Matrices::new(mesh, plate(), &[]).cells;
+    dot(&assembly::uniform_load(&cells, shape.len(), -stiffness), &shape)
+}
+
 /// An equilibrium under constant loads stays at rest, and its supports carry the loads.
 pub(super) fn stays_at_rest(drawn: &Drawn, folder: &Path) {
     let mut drawn = Drawn { motion: None, ball: None, ..drawn.clone() };
@@ -95,7 +120,10 @@ pub(super) fn stays_at_rest(drawn: &Drawn, folder: &Path) {
     if drawn.scheme == "exact" {
         drawn.scheme = "newmark";
     }
-    let Ok(rest) = run(folder, "rest", &drawn.toml(&PLAIN, "equilibrium = true")) else { return };
+    let toml = drawn.toml(&PLAIN, "equilibrium = true");
+    let probes = format!("probes = [{}", nodal_probes(&drawn.mesh()));
+    let toml = if drawn.foundation.is_some() { toml.replace("probes = [", &probes) } else { toml };
+    let Ok(rest) = run(folder, "rest", &toml) else { return };
     let size =
         (0..3).flat_map(|i| &rest[&format!("point{i}")]).fold(f64::MIN_POSITIVE, |size, w| size.max(w.abs()));
     for point in 0..3 {
@@ -103,13 +131,10 @@ pub(super) fn stays_at_rest(drawn: &Drawn, folder: &Path) {
         let drift = values.iter().fold(0.0_f64, |drift, w| drift.max((w - values[0]).abs())) / size;
         assert!(drift < 1e-7, "{}: the equilibrium moves by {drift:e} of itself", folder.display());
     }
-    // The force of a foundation is no column.
-    if drawn.foundation.is_some() {
-        return;
-    }
     let forces = rest.iter().filter(|(name, _)| name.starts_with("force_")).map(|(_, values)| values[0]);
     let springs = drawn.springs.iter().map(|(_, stiffness)| -stiffness * rest["spring"][0]);
-    let parts: Vec<f64> = forces.chain(springs).chain([drawn.load()]).collect();
+    let foundation = drawn.foundation.map(|stiffness| foundation_force(stiffness, drawn.mesh(), &rest));
+    let parts: Vec<f64> = forces.chain(springs).chain(foundation).chain([drawn.load()]).collect();
     let (sum, scale) = (parts.iter().sum::<f64>(), parts.iter().map(|part| part.abs()).sum::<f64>());
     assert!(sum.abs() <= 1e-8 * scale, "{}: {parts:?} N are not in balance", folder.display());
 }

@@ -1,6 +1,8 @@
 //! Generator of random scenes with all that a scene may attach.
 
 use crate::common::Random;
+use crate::common::plates::{Alternating, Fvs, Hct, Left, Right};
+use rebond::mesh::Mesh;
 
 #[derive(Clone)]
 pub(super) struct Obstacle {
@@ -216,6 +218,14 @@ pub(super) fn draw(seed: u64) -> Drawn {
 }
 
 impl Drawn {
+    /// Returns the mesh of the scene.
+    pub fn mesh(&self) -> Mesh {
+        let [length, width] = self.sides;
+        let element = if self.element == "fvs" { Fvs } else { Hct };
+        let diagonal = [Right, Left, Alternating][self.diagonal];
+        Mesh::rectangle(length, width, self.cells, element, diagonal).unwrap()
+    }
+
     /// Returns the sum of the constant loads of the scene, upward, in N.
     pub fn load(&self) -> f64 {
         let [length, width] = self.sides;
