@@ -65,7 +65,7 @@ pub struct NodeConstraint {
 /// would clamp the nodes of a curved edge (Babuska's paradox).
 const SMOOTH: f64 = 0.17;
 
-/// Tolerance within which a direction counts as that of an axis.
+/// Tolerance within which a direction counts as the direction of an axis.
 const ALONG_AXIS: f64 = 1e-12;
 
 impl NodeConstraint {
@@ -130,7 +130,7 @@ enum Slope {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct DofMap {
     free: Vec<Option<usize>>,
-    /// Factors of the dofs at oblique supports; those of all others are 1.
+    /// Factors of the dofs at oblique supports; all others have the factor 1.
     factors: HashMap<usize, f64>,
     count: usize,
     extra: usize,
@@ -139,12 +139,6 @@ pub struct DofMap {
 }
 
 impl DofMap {
-    /// Numbers all dofs of a mesh, before supports.
-    pub fn unsupported(mesh: &Mesh) -> DofMap {
-        let count = PER_NODE * mesh.nodes.len();
-        DofMap { free: (0..count).map(Some).collect(), count, ..DofMap::default() }
-    }
-
     /// Numbers the dofs that supports on named edges leave free.
     ///
     /// # Errors
@@ -269,11 +263,11 @@ impl DofMap {
     /// Returns deflection and slopes at all nodes, three per node; 0 where held.
     pub fn shape(&self, x: &[f64]) -> Vec<f64> {
         let mut shape: Vec<f64> = self.free.iter().map(|dof| dof.map_or(0.0, |dof| x[dof])).collect();
-        self.factors.iter().for_each(|(&of_shape, factor)| shape[of_shape] *= factor);
+        self.factors.iter().for_each(|(&dof, factor)| shape[dof] *= factor);
         shape
     }
 
-    /// Returns the space with `extra` more dofs after those of the nodes.
+    /// Returns the space with `extra` more dofs after the nodes' dofs.
     pub fn with_extra(mut self, extra: usize) -> DofMap {
         self.extra = extra;
         self
@@ -294,7 +288,7 @@ impl DofMap {
         &self.tips
     }
 
-    /// Returns the index of an extra dof after those of the nodes.
+    /// Returns the index of an extra dof after the nodes' dofs.
     pub fn extra(&self, number: usize) -> usize {
         self.count + number
     }
@@ -319,8 +313,8 @@ impl DofMap {
 
     /// Returns the free dof that determines a dof of the mesh (three per node), and the factor that
     /// multiplies its value.
-    pub fn dof(&self, of_shape: usize) -> Option<(usize, f64)> {
-        Some((self.free[of_shape]?, self.factors.get(&of_shape).copied().unwrap_or(1.0)))
+    pub fn dof(&self, shape_dof: usize) -> Option<(usize, f64)> {
+        Some((self.free[shape_dof]?, self.factors.get(&shape_dof).copied().unwrap_or(1.0)))
     }
 
     /// Returns the free dofs of some nodes, three per node; `None` for those that are held.
@@ -368,13 +362,13 @@ pub struct Rigid {
     centre: Point,
     size: f64,
     /// Sum of the squares of the constraints, as functions of a, b, c.
-    seen: Matrix3<f64>,
+    constraints: Matrix3<f64>,
 }
 
 impl Rigid {
     /// Creates the unconstrained state for a plate around a point, with its size in m.
     pub fn new(centre: Point, size: f64) -> Rigid {
-        Rigid { centre, size, seen: Matrix3::zeros() }
+        Rigid { centre, size, constraints: Matrix3::zeros() }
     }
 
     /// Creates the unconstrained state for the centre and size of a mesh.
@@ -384,29 +378,29 @@ impl Rigid {
     }
 
     /// Constrains the deflection at a point.
-    pub fn hold_deflection(&mut self, at: Point) {
-        let arm = (at - self.centre) / self.size;
+    pub fn hold_deflection(&mut self, point: Point) {
+        let arm = (point - self.centre) / self.size;
         let row = Vector3::new(1.0, arm.x, arm.y);
-        self.seen += row * row.transpose();
+        self.constraints += row * row.transpose();
     }
 
     /// Adds the constraints of the supports at a node.
-    pub fn hold(&mut self, at: Point, hold: &NodeConstraint) {
+    pub fn hold(&mut self, point: Point, hold: &NodeConstraint) {
         if hold.deflection > 0.0 {
-            self.hold_deflection(at);
+            self.hold_deflection(point);
         }
         let [xx, xy, yy] = hold.slopes;
-        self.seen += Matrix3::new(0.0, 0.0, 0.0, 0.0, xx, xy, 0.0, xy, yy);
+        self.constraints += Matrix3::new(0.0, 0.0, 0.0, 0.0, xx, xy, 0.0, xy, yy);
     }
 
     /// Returns the constraints as numbers that add up over ranks.
-    pub fn seen(&self) -> &[f64] {
-        self.seen.as_slice()
+    pub fn constraints(&self) -> &[f64] {
+        self.constraints.as_slice()
     }
 
     /// Sets the constraints to the sum over all ranks.
-    pub fn see(&mut self, sum: &[f64]) {
-        self.seen = Matrix3::from_column_slice(sum);
+    pub fn set_constraints(&mut self, sum: &[f64]) {
+        self.constraints = Matrix3::from_column_slice(sum);
     }
 
     /// Returns the centre and the size, in m, to which the motions are relative.
@@ -415,8 +409,8 @@ impl Rigid {
     }
 
     /// Returns the rigid motions that are free, as orthonormal vectors (a, b, c).
-    pub fn left(&self) -> Vec<Vector3<f64>> {
-        let eigen = SymmetricEigen::new(self.seen);
+    pub fn free(&self) -> Vec<Vector3<f64>> {
+        let eigen = SymmetricEigen::new(self.constraints);
         (0..3)
             .filter(|&k| eigen.eigenvalues[k] < HELD)
             .map(|k| eigen.eigenvectors.column(k).into_owned())
@@ -425,20 +419,11 @@ impl Rigid {
 
     /// Returns the free rigid motions in words, or `None` where there is none.
     pub fn mechanism(&self) -> Option<&'static str> {
-        let eigen = SymmetricEigen::new(self.seen);
-        let loose = eigen.eigenvalues.iter().filter(|&&value| value < HELD).count();
-        match loose {
-            0 => None,
-            1 => {
-                let (which, _) = eigen.eigenvalues.argmin();
-                let motion = eigen.eigenvectors.column(which);
-                Some(if motion[0].abs() > 0.999 {
-                    "it can move up and down"
-                } else {
-                    "it can turn about a line"
-                })
-            }
-            2 => Some("it can move up and down and turn about a line"),
+        match &self.free()[..] {
+            [] => None,
+            [motion] if motion[0].abs() > 0.999 => Some("it can move up and down"),
+            [_] => Some("it can turn about a line"),
+            [_, _] => Some("it can move up and down and turn about a line"),
             _ => Some("nothing holds it"),
         }
     }

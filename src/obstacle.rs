@@ -131,7 +131,7 @@ impl Bounds {
             x,
             [],
             #[inline(always)]
-            |x, []| largest.note(x),
+            |x, []| largest.raise(x),
         );
         largest.value()
     }

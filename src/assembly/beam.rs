@@ -67,26 +67,26 @@ impl BeamPiece {
 
     /// Returns points of the piece with the masses, in kg, that represent a beam of so many kg/m.
     pub fn masses(&self, per_length: f64) -> impl Iterator<Item = (Point, f64)> {
-        self.points(SEPTIC).map(move |(at, weight)| (at, per_length * weight))
+        self.points(SEPTIC).map(move |(point, weight)| (point, per_length * weight))
     }
 
     /// Adds the stiffness of the piece to a matrix over the cell's dofs, stored by rows.
-    fn add_stiffness(&self, mesh: &Mesh, of: BeamStiffness, matrix: &mut [f64]) -> Result<()> {
+    fn add_stiffness(&self, mesh: &Mesh, beam: BeamStiffness, matrix: &mut [f64]) -> Result<()> {
         let element = mesh.element(self.cell)?;
         let along = (self.ends[1] - self.ends[0]).normalize();
-        let bend = |of: &BasisFunction| {
-            let [xx, xy, yy] = of.hessian;
+        let bend = |basis: &BasisFunction| {
+            let [xx, xy, yy] = basis.hessian;
             along.x * along.x * xx + 2.0 * along.x * along.y * xy + along.y * along.y * yy
         };
-        let twist = |of: &BasisFunction| {
-            let [xx, xy, yy] = of.hessian;
+        let twist = |basis: &BasisFunction| {
+            let [xx, xy, yy] = basis.hessian;
             along.x * along.y * (yy - xx) + (along.x * along.x - along.y * along.y) * xy
         };
         for (point, weight) in self.points(CUBIC) {
             let basis = element.basis_at(point);
             let bent: Vec<f64> = basis.iter().map(bend).collect();
             let twisted: Vec<f64> = basis.iter().map(twist).collect();
-            for (stiffness, values) in [(of.bending, bent), (of.torsion, twisted)] {
+            for (stiffness, values) in [(beam.bending, bent), (beam.torsion, twisted)] {
                 add_square(weight * stiffness, &values, matrix);
             }
         }
@@ -132,19 +132,19 @@ pub fn line_in_cells(mesh: &Mesh, [from, to]: [Point; 2]) -> Result<Vec<(usize, 
 fn clip(vertices: &[Point; 3], from: Point, along: Vector2<f64>) -> Option<[f64; 2]> {
     let size = geometry::longest_edge(vertices);
     let (mut first, mut last) = (0.0_f64, 1.0_f64);
-    for (start, side) in geometry::sides(vertices) {
-        // The distance from the side, positive within, is at + share * rate.
+    for (corner, side) in geometry::sides(vertices) {
+        // The distance from the side, positive within, is start + share * rate.
         let side = side.normalize();
-        let (at, rate) = (side.perp(&(from - start)) + WITHIN * size, side.perp(&along));
+        let (start, rate) = (side.perp(&(from - corner)) + WITHIN * size, side.perp(&along));
         // A line along the side is within or not, whatever rounding makes of its slope.
         if rate.abs() <= WITHIN * size {
-            if at.max(at + rate) < 0.0 {
+            if start.max(start + rate) < 0.0 {
                 return None;
             }
         } else if rate > 0.0 {
-            first = first.max(-at / rate);
+            first = first.max(-start / rate);
         } else {
-            last = last.min(-at / rate);
+            last = last.min(-start / rate);
         }
     }
     (first < last).then_some([first, last])

@@ -44,15 +44,15 @@ const TURN: f64 = 1.0 - 1e-6;
 pub(super) fn sums<P: Partition>(
     mesh: &Mesh,
     sites: &[RecoverySite],
-    of_cells: &[Vec<usize>],
+    cell_sites: &[Vec<usize>],
     arm: &dyn Fn(usize, [usize; 2]) -> Vector2<f64>,
     parts: usize,
     partition: &P,
 ) -> Result<(Vec<Fit>, SiteSums)> {
     let mut turns = vec![[0.0]; sites.len()];
-    for (cell, own) in of_cells.iter().enumerate() {
+    for (cell, corners) in cell_sites.iter().enumerate() {
         let vertices = mesh.vertices(cell);
-        own.iter().enumerate().for_each(|(corner, &site)| turns[site][0] += turn(&vertices, corner));
+        corners.iter().enumerate().for_each(|(corner, &site)| turns[site][0] += turn(&vertices, corner));
     }
     sum_over_ranks(sites, parts, partition, &mut turns)?;
     let is_inner = |site: usize| turns[site][0] > TURN;
@@ -60,8 +60,8 @@ pub(super) fn sums<P: Partition>(
     // vector from the inner site to the other.
     let mut pairs: Vec<BTreeMap<usize, (f64, Vector2<f64>)>> = vec![BTreeMap::new(); sites.len()];
     let mut counts = vec![[0.0]; sites.len()];
-    for (cell, own) in of_cells.iter().enumerate() {
-        let corners = || own.iter().copied().enumerate();
+    for (cell, cell_sites) in cell_sites.iter().enumerate() {
+        let corners = || cell_sites.iter().copied().enumerate();
         for (corner, site) in corners().filter(|&(_, site)| !is_inner(site)) {
             for (from, inner) in corners().filter(|&(_, inner)| is_inner(inner)) {
                 pairs[site].entry(inner).or_insert_with(|| (0.0, arm(cell, [from, corner]))).0 += 1.0;
@@ -76,10 +76,10 @@ pub(super) fn sums<P: Partition>(
     sum_over_ranks(sites, parts, partition, &mut needed)?;
     let is_alone = |site: usize| is_inner(site) || counts[site][0] == 0.0;
     // A site without inner neighbours keeps its own fit.
-    let own = (0..sites.len()).filter(|&site| is_alone(site)).map(|site| (0, site));
+    let alone = (0..sites.len()).filter(|&site| is_alone(site)).map(|site| (0, site));
     let inner = (0..sites.len()).filter(|&site| needed[site][0] > 0.0);
     let fits: BTreeSet<(usize, usize)> =
-        own.chain(inner.flat_map(|site| (0..3).map(move |which| (which, site)))).collect();
+        alone.chain(inner.flat_map(|site| (0..3).map(move |which| (which, site)))).collect();
     let number_of: HashMap<(usize, usize), usize> = fits.iter().copied().zip(0..).collect();
     let mut sums = SiteSums { terms: Vec::new(), starts: vec![0], is_shared: Vec::new() };
     for site in 0..sites.len() {

@@ -66,14 +66,14 @@ fn on_side([a, b]: [Point; 2], springs: EdgeSprings) -> SMatrix<f64, 6, 6> {
     let length = side.norm();
     let along = side / length;
     // Deflections and slopes along the side at both ends, then slopes across it.
-    let at = |end: usize, slope: [f64; 3]| {
+    let row = |end: usize, dofs: [f64; 3]| {
         let mut row = SVector::<f64, 6>::zeros();
-        row.fixed_rows_mut::<3>(PER_NODE * end).copy_from_slice(&slope);
+        row.fixed_rows_mut::<3>(PER_NODE * end).copy_from_slice(&dofs);
         row
     };
-    let deflection = [0, 1].map(|end| at(end, [1.0, 0.0, 0.0]));
-    let slope_along = [0, 1].map(|end| at(end, [0.0, along.x, along.y]) * length);
-    let slope_across = [0, 1].map(|end| at(end, [0.0, -along.y, along.x]));
+    let deflection = [0, 1].map(|end| row(end, [1.0, 0.0, 0.0]));
+    let slope_along = [0, 1].map(|end| row(end, [0.0, along.x, along.y]) * length);
+    let slope_across = [0, 1].map(|end| row(end, [0.0, -along.y, along.x]));
     let cubic = [deflection[0], slope_along[0], deflection[1], slope_along[1]];
     let mut sum = SMatrix::zeros();
     for (i, row) in HERMITE.iter().enumerate() {

@@ -24,13 +24,13 @@ pub fn foundation(
 ) -> Result<Vec<CellMatrix>> {
     let fault = RefCell::new(None);
     let matrix = |number: usize| -> Result<Vec<f64>> {
-        let value = |at: Point| {
-            stiffness(number, at).unwrap_or_else(|error| {
+        let value = |point: Point| {
+            stiffness(number, point).unwrap_or_else(|error| {
                 fault.replace(Some(error));
                 0.0
             })
         };
-        let rule = rules.get(&number).map_or((&quadrature::DEGREE_6).into(), |own| Rule::Own(own));
+        let rule = rules.get(&number).map_or((&quadrature::DEGREE_6).into(), |rule| Rule::Own(rule));
         let element = mesh.element(number)?;
         Ok(with_element!(&element, element => plate::mass_by(element, rule, value).as_slice().to_vec()))
     };

@@ -64,20 +64,20 @@ fn arrays_of<const N: usize>(
         });
     }
     let fault = RefCell::new(None);
-    let section = |at: Point| {
-        sections.section(number, at).unwrap_or_else(|error| {
+    let section = |point: Point| {
+        sections.section(number, point).unwrap_or_else(|error| {
             fault.replace(Some(error));
             first
         })
     };
-    let density = |at: Point| section(at).density;
+    let density = |point: Point| section(point).density;
     let rule = sections.rules(number).map_or((&quadrature::DEGREE_6).into(), Rule::Own);
     let (mut weight, mut energies) = (0.0, Vector3::zeros());
-    for (piece, of) in element.pieces.iter().enumerate() {
-        for &(barycentric, share) in rule.of(piece) {
-            let section = section(element.point(piece, barycentric));
-            weight += share * of.area() * section.density;
-            energies += share * of.area() * section.bending.diagonal();
+    for (number, piece) in element.pieces.iter().enumerate() {
+        for &(barycentric, share) in rule.of(number) {
+            let section = section(element.point(number, barycentric));
+            weight += share * piece.area() * section.density;
+            energies += share * piece.area() * section.bending.diagonal();
         }
     }
     let stiffness = plate::stiffness(element, rule, section);

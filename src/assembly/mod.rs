@@ -144,7 +144,7 @@ pub fn cells(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Ve
         };
         let count = classes.len();
         let (class, local) = match classes.entry((shape, kind)) {
-            std::collections::hash_map::Entry::Occupied(known) => known.get().clone(),
+            std::collections::hash_map::Entry::Occupied(class) => class.get().clone(),
             std::collections::hash_map::Entry::Vacant(new) => {
                 let local = local::arrays(mesh, number, sections)?;
                 let class = if factors.is_some() { CellClass::Bare(count) } else { CellClass::Plate(count) };
@@ -158,9 +158,9 @@ pub fn cells(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Ve
 
 /// Returns the cells over all deflections and slopes of a mesh, three per node, held or not.
 pub fn unheld(mesh: &Mesh, cells: &[CellArrays]) -> Vec<CellArrays> {
-    let whole = |(cell, of): (&crate::mesh::Cell, &CellArrays)| {
+    let whole = |(cell, arrays): (&crate::mesh::Cell, &CellArrays)| {
         let dofs = cell.nodes().iter().flat_map(|node| (0..PER_NODE).map(move |k| Some(PER_NODE * node + k)));
-        CellArrays { dofs: dofs.collect(), factors: None, ..of.clone() }
+        CellArrays { dofs: dofs.collect(), factors: None, ..arrays.clone() }
     };
     mesh.cells.iter().zip(cells).map(whole).collect()
 }
@@ -217,7 +217,7 @@ pub fn add_point_mass(
     mesh: &Mesh,
     cells: &mut [CellArrays],
     number: usize,
-    at: Point,
+    point: Point,
     mass: f64,
 ) -> Result<()> {
     let classes = cells.len();
@@ -226,7 +226,7 @@ pub fn add_point_mass(
     if let CellClass::Plate(class) = &mut cell.class {
         *class = classes + number;
     }
-    let values: Vec<f64> = mesh.element(number)?.basis_at(at).iter().map(|basis| basis.value).collect();
+    let values: Vec<f64> = mesh.element(number)?.basis_at(point).iter().map(|basis| basis.value).collect();
     let local = Rc::make_mut(&mut cell.local);
     add_square(mass, &values, Rc::make_mut(&mut local.mass));
     axpy(mass, &values, Rc::make_mut(&mut local.coupling));
@@ -243,19 +243,24 @@ fn add_square(scale: f64, v: &[f64], matrix: &mut [f64]) {
 
 /// Returns the load F of a uniform upward pressure, in Pa, over `dofs` free dofs, in N.
 pub fn uniform_load(cells: &[CellArrays], dofs: usize, pressure: f64) -> Vec<f64> {
-    let mut load = vec![0.0; dofs];
-    for cell in cells {
-        let local: Vec<f64> = cell.local.moments.iter().map(|moment| pressure * moment).collect();
-        cell.add(&local, &mut load);
-    }
-    load
+    load_of(cells, dofs, pressure, |local| &local.moments)
 }
 
 /// Returns the weight of the cells under gravity g, in m/s^2 downward, over `dofs` free dofs, in N.
 pub fn weight(cells: &[CellArrays], dofs: usize, g: f64) -> Vec<f64> {
+    load_of(cells, dofs, -g, |local| &local.coupling)
+}
+
+/// Returns a multiple of integrals over the cells as a vector over `dofs` free dofs.
+fn load_of(
+    cells: &[CellArrays],
+    dofs: usize,
+    factor: f64,
+    integrals: impl Fn(&Local) -> &Rc<[f64]>,
+) -> Vec<f64> {
     let mut load = vec![0.0; dofs];
     for cell in cells {
-        let local: Vec<f64> = cell.local.coupling.iter().map(|b| -g * b).collect();
+        let local: Vec<f64> = integrals(&cell.local).iter().map(|integral| factor * integral).collect();
         cell.add(&local, &mut load);
     }
     load
@@ -268,8 +273,8 @@ pub fn weight(cells: &[CellArrays], dofs: usize, g: f64) -> Vec<f64> {
 pub fn pieces(mesh: &Mesh) -> Result<Vec<Triangle>> {
     let mut pieces = Vec::new();
     for cell in 0..mesh.cells.len() {
-        let of_cell = mesh.element(cell)?.pieces().into_iter().enumerate();
-        pieces.extend(of_cell.map(|(piece, vertices)| Triangle { cell, piece, vertices }));
+        let numbered = mesh.element(cell)?.pieces().into_iter().enumerate();
+        pieces.extend(numbered.map(|(piece, vertices)| Triangle { cell, piece, vertices }));
     }
     Ok(pieces)
 }

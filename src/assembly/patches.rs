@@ -49,14 +49,14 @@ impl Patches {
         samples: &HashMap<CellClass, ClassSamples>,
     ) -> Patches {
         let mut patches = Patches { weights: Vec::new(), fits: Vec::new(), nodes: Vec::new() };
-        let mut known: HashMap<Key, usize> = HashMap::new();
+        let mut numbers: HashMap<Key, usize> = HashMap::new();
         for &(site, which) in fits {
             let SitePatch { corners, squares } = &sites[site];
             let (nodes, places) = nodes_of(corners, cell);
             let classes: Vec<_> = corners.iter().map(|&(number, corner)| (cell(number).1, corner)).collect();
             let key = (which, squares.map(f64::to_bits), classes, places);
-            let next = known.len();
-            let number = *known.entry(key).or_insert_with_key(|(_, _, classes, places)| {
+            let next = numbers.len();
+            let number = *numbers.entry(key).or_insert_with_key(|(_, _, classes, places)| {
                 let row = affine_fit(squares).row(which).transpose();
                 patches.weights.push(weights_of(row, classes, places, samples));
                 next
@@ -91,8 +91,8 @@ impl Patches {
         let mut stencil: BTreeMap<i32, NodeWeights> = BTreeMap::new();
         for &(fit, factor) in terms {
             let (weights, nodes) = self.fit(fit);
-            for (weights, &of) in weights.iter().zip(nodes) {
-                let sums = stencil.entry(of.wrapping_sub(node as u32) as i32).or_default();
+            for (weights, &neighbour) in weights.iter().zip(nodes) {
+                let sums = stencil.entry(neighbour.wrapping_sub(node as u32) as i32).or_default();
                 let pairs = sums.as_flattened_mut().iter_mut().zip(weights.as_flattened());
                 pairs.for_each(|(sum, weight)| *sum += factor * weight);
             }
@@ -109,7 +109,7 @@ fn nodes_of<'p>(
     let (mut nodes, mut places) = (Vec::new(), Vec::new());
     for &(number, _) in corners {
         for &node in cell(number).0 {
-            let place = nodes.iter().position(|&known| known == node).unwrap_or_else(|| {
+            let place = nodes.iter().position(|&other| other == node).unwrap_or_else(|| {
                 nodes.push(node);
                 nodes.len() - 1
             });
@@ -132,12 +132,12 @@ fn weights_of(
     let mut rest = places;
     for (class, corner) in classes {
         let ClassSamples { corners, samples } = &samples[class];
-        let (own, others) = rest.split_at(corners.len());
+        let (places, others) = rest.split_at(corners.len());
         rest = others;
         for sample in samples {
             let d = sample.offset - corners[*corner];
             let share = row.dot(&Vector3::new(1.0, d.x, d.y)) * sample.weight;
-            for (place, curvatures) in own.iter().zip(sample.curvatures.as_chunks::<PER_NODE>().0) {
+            for (place, curvatures) in places.iter().zip(sample.curvatures.as_chunks::<PER_NODE>().0) {
                 for (sums, curvature) in weights[*place].iter_mut().zip(curvatures) {
                     sums.iter_mut().zip(curvature).for_each(|(sum, term)| *sum += share * term);
                 }

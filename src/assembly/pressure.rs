@@ -30,7 +30,7 @@ impl Pressure {
     /// # Errors
     /// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element.
     pub fn new(mesh: &Mesh, cells: &[CellArrays]) -> Result<Pressure> {
-        fn of<const N: usize>(element: &Element<N>, points: &mut Vec<Point>) -> Vec<f64> {
+        fn points_of<const N: usize>(element: &Element<N>, points: &mut Vec<Point>) -> Vec<f64> {
             let mut weights = Vec::new();
             for (number, piece) in element.pieces.iter().enumerate() {
                 for (barycentric, weight) in quadrature::DEGREE_6 {
@@ -44,12 +44,12 @@ impl Pressure {
         let bare = Mesh { nodes: mesh.nodes.clone(), cells: mesh.cells.clone(), ..bare };
         let mut pressure =
             Pressure { mesh: bare, points: Vec::new(), cells: Vec::with_capacity(cells.len()) };
-        let mut known: HashMap<CellClass, Rc<[f64]>> = HashMap::new();
+        let mut class_weights: HashMap<CellClass, Rc<[f64]>> = HashMap::new();
         for (number, arrays) in cells.iter().enumerate() {
             let first = pressure.points.len();
             let element = mesh.element(number)?;
-            let weights = with_element!(&element, element => of(element, &mut pressure.points));
-            let weights = known.entry(arrays.class).or_insert_with(|| weights.into()).clone();
+            let weights = with_element!(&element, element => points_of(element, &mut pressure.points));
+            let weights = class_weights.entry(arrays.class).or_insert_with(|| weights.into()).clone();
             pressure.cells.push((arrays.clone(), first, weights));
         }
         Ok(pressure)
@@ -102,14 +102,15 @@ impl Pressure {
         rules: &[Vec<Node>],
         pressure: &impl Fn(&[Point], &mut [f64]) -> Result<()>,
     ) -> Result<Vec<f64>> {
-        fn of<const N: usize>(
+        fn load_of<const N: usize>(
             element: &Element<N>,
             rules: &[Vec<Node>],
             pressure: &impl Fn(&[Point], &mut [f64]) -> Result<()>,
         ) -> Result<Vec<f64>> {
             let mut local = nalgebra::SVector::<f64, N>::zeros();
             for (number, (piece, rule)) in element.pieces.iter().zip(rules).enumerate() {
-                let points: Vec<Point> = rule.iter().map(|(at, _)| element.point(number, *at)).collect();
+                let points: Vec<Point> =
+                    rule.iter().map(|(barycentric, _)| element.point(number, *barycentric)).collect();
                 let mut values = vec![0.0; points.len()];
                 pressure(&points, &mut values)?;
                 for ((barycentric, weight), value) in rule.iter().zip(values) {
@@ -118,6 +119,6 @@ impl Pressure {
             }
             Ok(local.as_slice().to_vec())
         }
-        with_element!(&self.mesh.element(number)?, element => of(element, rules, pressure))
+        with_element!(&self.mesh.element(number)?, element => load_of(element, rules, pressure))
     }
 }

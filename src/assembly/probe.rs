@@ -33,7 +33,7 @@ impl Probe {
     /// # Errors
     /// Returns the errors of [`Probe::new`].
     pub fn of_shape(mesh: &Mesh, point: Point) -> Result<Probe> {
-        Probe::of_derivative(mesh, point, |of| of.value)
+        Probe::of_derivative(mesh, point, |basis| basis.value)
     }
 
     /// Creates a linear function of the deflection and its derivatives at a point of the mesh over
@@ -41,9 +41,9 @@ impl Probe {
     ///
     /// # Errors
     /// Returns the errors of [`Probe::new`].
-    pub fn of_derivative(mesh: &Mesh, point: Point, of: impl Fn(&BasisFunction) -> f64) -> Result<Probe> {
+    pub fn of_derivative(mesh: &Mesh, point: Point, value: impl Fn(&BasisFunction) -> f64) -> Result<Probe> {
         let outside = || Error::Mesh(format!("the point {} lies outside the plate", geometry::place(point)));
-        Probe::in_cell(mesh, mesh.locate(point).ok_or_else(outside)?, point, of)
+        Probe::in_cell(mesh, mesh.locate(point).ok_or_else(outside)?, point, value)
     }
 
     /// Creates a linear function like [`Probe::of_derivative`] at a point of a cell.
@@ -54,9 +54,9 @@ impl Probe {
         mesh: &Mesh,
         cell: usize,
         point: Point,
-        of: impl Fn(&BasisFunction) -> f64,
+        value: impl Fn(&BasisFunction) -> f64,
     ) -> Result<Probe> {
-        let values: Vec<f64> = mesh.element(cell)?.basis_at(point).iter().map(of).collect();
+        let values: Vec<f64> = mesh.element(cell)?.basis_at(point).iter().map(value).collect();
         let zero = ROUNDING * values.iter().fold(0.0, |m: f64, value| m.max(value.abs()));
         let nodes = mesh.cells[cell].nodes();
         let dofs = nodes.iter().flat_map(|node| (0..PER_NODE).map(move |k| PER_NODE * node + k));
@@ -70,8 +70,8 @@ impl Probe {
 
     /// Restricts a probe over all dofs of the mesh to the free dofs of a space.
     pub fn within(&self, space: &DofMap) -> Probe {
-        let free = |&(of_shape, weight): &(usize, f64)| {
-            let (dof, factor) = space.dof(of_shape)?;
+        let free = |&(shape_dof, weight): &(usize, f64)| {
+            let (dof, factor) = space.dof(shape_dof)?;
             Some((dof, factor * weight))
         };
         Probe { weights: self.weights.iter().filter_map(free).collect() }

@@ -1,4 +1,4 @@
-//! Recovery of continuous curvatures from those of the elements.
+//! Recovery of continuous curvatures from the curvatures of the elements.
 //!
 //! The curvatures of an element are linear on each of its pieces and jump between them; they
 //! converge with the size h of the cells only. At a node, an affine function fitted to them over
@@ -34,7 +34,7 @@ use std::collections::{BTreeSet, HashMap};
 pub struct Recovery {
     sites: Vec<RecoverySite>,
     /// Sites of the nodes of each cell.
-    of_cells: Vec<Vec<usize>>,
+    cell_sites: Vec<Vec<usize>>,
     /// Number of parts.
     parts: usize,
     /// Needed fits: site and number of the fit.
@@ -60,7 +60,7 @@ impl Recovery {
         parts: usize,
         partition: &P,
     ) -> Result<Recovery> {
-        let (sites, of_cells) = sites(mesh, part_of);
+        let (sites, cell_sites) = sites(mesh, part_of);
         let mut samples: HashMap<CellClass, ClassSamples> = HashMap::new();
         for (number, cell) in cells.iter().enumerate() {
             if let std::collections::hash_map::Entry::Vacant(new) = samples.entry(cell.class) {
@@ -68,15 +68,15 @@ impl Recovery {
             }
         }
         let mut corners: Vec<Corners> = vec![Vec::new(); sites.len()];
-        for (number, own) in of_cells.iter().enumerate() {
-            own.iter().enumerate().for_each(|(corner, &site)| corners[site].push((number, corner)));
+        for (number, cell_sites) in cell_sites.iter().enumerate() {
+            cell_sites.iter().enumerate().for_each(|(corner, &site)| corners[site].push((number, corner)));
         }
         let squares = |corners: &Corners| {
             let mut sums = [0.0; 6];
             for (number, corner) in corners {
-                let of_class = &samples[&cells[*number].class];
-                for Sample { offset, weight, .. } in &of_class.samples {
-                    let d = offset - of_class.corners[*corner];
+                let class = &samples[&cells[*number].class];
+                for Sample { offset, weight, .. } in &class.samples {
+                    let d = offset - class.corners[*corner];
                     let terms = [1.0, d.x, d.y, d.x * d.x, d.x * d.y, d.y * d.y];
                     sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += weight * term);
                 }
@@ -89,11 +89,11 @@ impl Recovery {
             let corners = &samples[&cells[cell].class].corners;
             corners[to] - corners[from]
         };
-        let (fits, sums) = border::sums(mesh, &sites, &of_cells, &arm, parts, partition)?;
+        let (fits, sums) = border::sums(mesh, &sites, &cell_sites, &arm, parts, partition)?;
         let patch = |(corners, squares)| SitePatch { corners, squares };
-        let of_sites: Vec<SitePatch> = corners.iter().zip(squares).map(patch).collect();
+        let site_patches: Vec<SitePatch> = corners.iter().zip(squares).map(patch).collect();
         let cell = |number: usize| (mesh.cells[number].nodes(), cells[number].class);
-        let patches = Patches::new(&fits, &of_sites, &cell, &samples);
+        let patches = Patches::new(&fits, &site_patches, &cell, &samples);
         let stencil = |site: usize, terms: &[(usize, f64)]| {
             let RecoverySite { node, .. } = sites[site];
             (node, patches.stencil(node, terms))
@@ -103,7 +103,7 @@ impl Recovery {
         } else {
             StencilSums::new((0..sites.len()).map(|site| stencil(site, sums.terms(site))))
         };
-        Ok(Recovery { sites, of_cells, parts, fits, patches, sums, stencils })
+        Ok(Recovery { sites, cell_sites, parts, fits, patches, sums, stencils })
     }
 
     /// Returns the sites.
@@ -113,7 +113,7 @@ impl Recovery {
 
     /// Returns the sites of the nodes of a cell.
     pub fn of_cell(&self, cell: usize) -> &[usize] {
-        &self.of_cells[cell]
+        &self.cell_sites[cell]
     }
 
     /// Returns the weights in a fit of the dofs of this rank's cells, three dofs per node.
@@ -133,26 +133,27 @@ impl Recovery {
 
     /// Returns the curvatures at the sites from this rank's shares of the fits. Collective.
     fn sum_fits<P: Partition>(&self, shares: &[[f64; 3]], partition: &P) -> Result<Vec<[f64; 3]>> {
-        let mut of_sites = vec![[0.0; 9]; self.sites.len()];
+        let mut site_fits = vec![[0.0; 9]; self.sites.len()];
         for ((site, which), share) in self.fits.iter().zip(shares) {
-            of_sites[*site][3 * which..][..3].copy_from_slice(share);
+            site_fits[*site][3 * which..][..3].copy_from_slice(share);
         }
-        sum_over_ranks(&self.sites, self.parts, partition, &mut of_sites)?;
+        sum_over_ranks(&self.sites, self.parts, partition, &mut site_fits)?;
         let sum = |site: usize| {
             let mut sums = [0.0; 3];
             for (fit, weight) in self.sums.terms(site) {
                 let (inner, which) = self.fits[*fit];
-                let fit = &of_sites[inner][3 * which..][..3];
+                let fit = &site_fits[inner][3 * which..][..3];
                 sums.iter_mut().zip(fit).for_each(|(sum, value)| *sum += weight * value);
             }
             sums
         };
-        let own: Vec<[f64; 3]> = (0..self.sites.len()).map(sum).collect();
-        let mut shared = own.clone();
-        let is_own = |site: usize| !self.sums.is_shared(site);
-        (0..shared.len()).filter(|&site| is_own(site)).for_each(|site| shared[site] = [0.0; 3]);
+        let mut sums: Vec<[f64; 3]> = (0..self.sites.len()).map(sum).collect();
+        let mut shared = sums.clone();
+        let is_inner = |site: usize| !self.sums.is_shared(site);
+        (0..shared.len()).filter(|&site| is_inner(site)).for_each(|site| shared[site] = [0.0; 3]);
         sum_over_ranks(&self.sites, self.parts, partition, &mut shared)?;
-        Ok((0..own.len()).map(|site| if is_own(site) { own[site] } else { shared[site] }).collect())
+        (0..sums.len()).filter(|&site| !is_inner(site)).for_each(|site| sums[site] = shared[site]);
+        Ok(sums)
     }
 
     /// Returns the weights of the fits in a sum over the sites with these weights, the same on all
@@ -161,45 +162,46 @@ impl Recovery {
     /// # Errors
     /// Returns the errors of communication.
     pub fn weights_of_fits<P: Partition>(&self, weights: &[f64], partition: &P) -> Result<Vec<f64>> {
-        let mut of_sites = vec![[0.0; 3]; self.sites.len()];
+        let mut site_weights = vec![[0.0; 3]; self.sites.len()];
         let weighted = || weights.iter().enumerate().filter(|(_, weight)| **weight != 0.0);
         for (site, weight) in weighted().filter(|(site, _)| self.sums.is_shared(*site)) {
             for (fit, share) in self.sums.terms(site) {
                 let (site, which) = self.fits[*fit];
-                of_sites[site][which] += weight * share;
+                site_weights[site][which] += weight * share;
             }
         }
-        sum_over_ranks(&self.sites, self.parts, partition, &mut of_sites)?;
-        let mut of_fits: Vec<f64> = self.fits.iter().map(|(site, which)| of_sites[*site][*which]).collect();
+        sum_over_ranks(&self.sites, self.parts, partition, &mut site_weights)?;
+        let mut fit_weights: Vec<f64> =
+            self.fits.iter().map(|(site, which)| site_weights[*site][*which]).collect();
         for (site, weight) in weighted().filter(|(site, _)| !self.sums.is_shared(*site)) {
-            self.sums.terms(site).iter().for_each(|(fit, share)| of_fits[*fit] += weight * share);
+            self.sums.terms(site).iter().for_each(|(fit, share)| fit_weights[*fit] += weight * share);
         }
-        Ok(of_fits)
+        Ok(fit_weights)
     }
 }
 
-/// Returns the sites of a mesh, by part and node, and those of the nodes of each cell.
+/// Returns the sites of a mesh, by part and node, and the sites of the nodes of each cell.
 fn sites(mesh: &Mesh, part_of: &dyn Fn(usize) -> usize) -> (Vec<RecoverySite>, Vec<Vec<usize>>) {
     let site = |cell: usize| {
         let part = part_of(cell);
         mesh.cells[cell].nodes().iter().map(move |&node| RecoverySite { part, node })
     };
-    let all: BTreeSet<RecoverySite> = (0..mesh.cells.len()).flat_map(site).collect();
-    let sites: Vec<RecoverySite> = all.into_iter().collect();
+    let ordered: BTreeSet<RecoverySite> = (0..mesh.cells.len()).flat_map(site).collect();
+    let sites: Vec<RecoverySite> = ordered.into_iter().collect();
     let numbers: HashMap<RecoverySite, usize> = sites.iter().copied().zip(0..).collect();
-    let of_cells =
+    let cell_sites =
         (0..mesh.cells.len()).map(|cell| site(cell).map(|site| numbers[&site]).collect()).collect();
-    (sites, of_cells)
+    (sites, cell_sites)
 }
 
 /// Returns the weights of a cell's vertices in the value, at a point of the cell, of the function
 /// that is linear on each piece of the cell.
 ///
-/// The value at the centre of a quadrilateral, where its diagonals cross, is the mean of those
-/// interpolated along the diagonals, and that of a triangle is the mean of its vertices.
-pub fn vertex_weights(element: &crate::element::AnyElement, at: Point) -> Vec<f64> {
-    fn of<const N: usize>(element: &Element<N>, at: Point) -> Vec<f64> {
-        let (piece, [u, v, w]) = element.locate(at);
+/// The value at the centre of a quadrilateral, where its diagonals cross, is the mean of the values
+/// interpolated along the diagonals. At the centre of a triangle it is the mean of its vertices.
+pub fn vertex_weights(element: &crate::element::AnyElement, point: Point) -> Vec<f64> {
+    fn weights_of<const N: usize>(element: &Element<N>, point: Point) -> Vec<f64> {
+        let (piece, [u, v, w]) = element.locate(point);
         let count = N / PER_NODE;
         let mut weights = vec![0.0; count];
         weights[piece] += u;
@@ -218,5 +220,5 @@ pub fn vertex_weights(element: &crate::element::AnyElement, at: Point) -> Vec<f6
         }
         weights
     }
-    with_element!(element, element => of(element, at))
+    with_element!(element, element => weights_of(element, point))
 }

@@ -48,12 +48,12 @@ impl StencilSums {
         let mut stencils: Vec<Stencil> = Vec::new();
         // Sums with each stencil: the node and the number of each.
         let mut users: Vec<Vec<(usize, usize)>> = Vec::new();
-        let mut known: HashMap<u64, usize> = HashMap::new();
+        let mut numbers: HashMap<u64, usize> = HashMap::new();
         for (number, (node, stencil)) in sums.enumerate() {
             let print = fingerprint(&stencil);
-            let found = known.get(&print).copied().filter(|&index| stencils[index] == stencil);
-            let index = found.unwrap_or_else(|| {
-                known.insert(print, stencils.len());
+            let same = numbers.get(&print).copied().filter(|&index| stencils[index] == stencil);
+            let index = same.unwrap_or_else(|| {
+                numbers.insert(print, stencils.len());
                 stencils.push(stencil);
                 users.push(Vec::new());
                 stencils.len() - 1
@@ -107,7 +107,7 @@ impl StencilSums {
             nodal.iter_mut().zip(values).for_each(|(nodal, value)| nodal[node] = *value);
         }
         let nodal = nodal.each_ref().map(Vec::as_slice);
-        self.arch.dispatch(SumsOfStencils { of: self, nodal, sums: &mut sums });
+        self.arch.dispatch(SumsOfStencils { plan: self, nodal, sums: &mut sums });
         let sum = |&slot: &u32| sums[slot as usize / SITES].map(|values| values[slot as usize % SITES]);
         self.slots.iter().map(sum).collect()
     }
@@ -126,7 +126,7 @@ fn fingerprint(stencil: &Stencil) -> u64 {
 
 /// Computation of all sums, compiled for the widest vector registers.
 struct SumsOfStencils<'a> {
-    of: &'a StencilSums,
+    plan: &'a StencilSums,
     nodal: [&'a [f64]; PER_NODE],
     sums: &'a mut [SiteBlock],
 }
@@ -136,7 +136,7 @@ impl WithSimd for SumsOfStencils<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let SumsOfStencils { of: StencilSums { stencils, blocks, singles, .. }, nodal, sums } = self;
+        let SumsOfStencils { plan: StencilSums { stencils, blocks, singles, .. }, nodal, sums } = self;
         let (whole, rest) = sums.split_at_mut(blocks.len());
         for (&(index, node), sums) in blocks.iter().zip(whole) {
             side_by_side(simd, &stencils[index as usize], node, nodal, sums);

@@ -29,11 +29,11 @@ pub fn sum_over_ranks<P: Partition, const N: usize>(
     let nodes = sites.iter().map(|site| site.node + 1).max().unwrap_or(0);
     for part in 0..parts {
         for entry in 0..N {
-            let of_part = || sites.iter().enumerate().filter(|(_, site)| site.part == part);
-            let mut of_nodes = vec![0.0; nodes];
-            of_part().for_each(|(number, site)| of_nodes[site.node] = values[number][entry]);
-            let sums = partition.sum_at_nodes(&of_nodes)?;
-            of_part().for_each(|(number, site)| values[number][entry] = sums[site.node]);
+            let part_sites = || sites.iter().enumerate().filter(|(_, site)| site.part == part);
+            let mut nodal = vec![0.0; nodes];
+            part_sites().for_each(|(number, site)| nodal[site.node] = values[number][entry]);
+            let sums = partition.sum_at_nodes(&nodal)?;
+            part_sites().for_each(|(number, site)| values[number][entry] = sums[site.node]);
         }
     }
     Ok(())

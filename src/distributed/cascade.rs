@@ -4,7 +4,7 @@
 //! so that a plate thrown flat would take the more of them the finer its mesh. The problem is
 //! therefore solved on the coarsest mesh first, to a few digits, and from mesh to mesh its answer
 //! starts the next one (a cascadic iteration: F. A. Bornemann and P. Deuflhard, Numerische
-//! Mathematik 75 (1996) 135-152). The coarse matrices are those of multigrid, and the bounds hold
+//! Mathematik 75 (1996) 135-152). The coarse matrices come from multigrid, and the bounds hold
 //! at the nodes that a mesh shares with the finest. A new node touches if all nodes do that its
 //! deflection is interpolated from.
 
@@ -112,14 +112,14 @@ impl<C: Communicator> LevelContact<'_, C> {
         let problem = LevelContact { b, numbers: &numbers, ..*self };
         problem.start(coarser, steps, coarse_x, sides)?;
         system.solve(&problem, coarse_x, sides)?;
-        self.touch_between(step, &numbers, &mut system.increment, x, sides)?;
+        self.spread_contact(step, &numbers, &mut system.increment, x, sides)?;
         step.interpolation.multiply(coarse_x, x)
     }
 
     /// Lets the nodes that the coarse mesh does not have touch where all do that they are
     /// interpolated from. `weights` and `sums` are work space on the coarse mesh and on this one.
     /// Collective.
-    fn touch_between(
+    fn spread_contact(
         &self,
         step: &Step,
         coarse: &Numbers,

@@ -11,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::linalg::vectors::dot;
 use crate::linalg::{
     Engine, Factor, Form, Indefinite, LinearCombination, LinearMethod, LinearSolves, MOST_SPOILT, Native,
-    RowCoupling, SingularMassCells, precise_entries,
+    RowCoupling, SingularMassCells, estimate_factor_error, precise_entries,
 };
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use faer::Mat;
@@ -44,7 +44,7 @@ pub struct Distributed {
     global: Vec<Index>,
     /// Position of this rank's first dof in global vectors, and the number of its dofs.
     first: usize,
-    own: usize,
+    owned: usize,
     /// Rigid motions of the plate (a translation and two tilts), over the dofs that this rank owns.
     rigid: [Vec<f64>; 3],
     /// Whether free dofs come in threes on every rank: no extra dof, no partly constrained node.
@@ -61,7 +61,7 @@ impl Distributed {
         let context = plex.context().clone();
         let global = plex.global_dofs()?;
         let vector = plex.global_vector()?;
-        let (first, own) = (vector.range().start as usize, vector.local_size());
+        let (first, owned) = (vector.range().start as usize, vector.local_size());
         let cells = Native::with_layout(part.space.layout(&part.mesh));
         let products = Rc::new(CellProducts::new(plex.clone(), cells, global.len())?);
         let mut engine = Distributed {
@@ -72,17 +72,17 @@ impl Distributed {
             solves: Rc::default(),
             global,
             first,
-            own,
-            rigid: [(); 3].map(|()| vec![0.0; own]),
+            owned,
+            rigid: [(); 3].map(|()| vec![0.0; owned]),
             whole_nodes: false,
         };
-        engine.note_rigid_motions(part);
+        engine.set_rigid_motions(part);
         Ok(engine)
     }
 
-    /// Fills in deflections and slopes of the translation and of the tilts along x and y.
+    /// Sets the deflections and slopes of the translation and of the tilts along x and y.
     /// Collective.
-    fn note_rigid_motions(&mut self, part: &Part) {
+    fn set_rigid_motions(&mut self, part: &Part) {
         let mut whole = self.global.len() == PER_NODE * part.mesh.nodes.len();
         for (node, point) in part.mesh.nodes.iter().enumerate() {
             let motions = [[1.0, 0.0, 0.0], [point.x, 1.0, 0.0], [point.y, 0.0, 1.0]];
@@ -141,15 +141,15 @@ impl Distributed {
     /// Returns this rank's index of a local dof, if the rank owns it and it is free.
     pub fn own_dof(&self, local: usize) -> Option<usize> {
         let dof = usize::try_from(self.global[local]).ok()?.checked_sub(self.first)?;
-        (dof < self.own).then_some(dof)
+        (dof < self.owned).then_some(dof)
     }
 
     /// Adds up the contributions of all ranks over their local dofs. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
-        self.products.add_up(local, own)
+    pub fn add_up(&self, local: &[f64], sums: &mut [f64]) -> Result<()> {
+        self.products.add_up(local, sums)
     }
 
     /// Assembles the matrix of a positive definite linear combination of forms. Collective.
@@ -162,8 +162,8 @@ impl Distributed {
         Ok(matrix)
     }
 
-    /// Assembles the matrix of a linear combination of forms, as a sum of those of the ranks' cells
-    /// where the solver needs them by themselves. Collective.
+    /// Assembles the matrix of a linear combination of forms, as a sum of the matrices of the
+    /// ranks' cells where the solver needs them by themselves. Collective.
     fn symmetric_matrix(&self, sum: &LinearCombination, of_subdomains: bool) -> Result<Matrix> {
         // The cells contribute many times as many entries as the matrix has, and PETSc keeps a
         // record of all that it is given. They are therefore added up, some rows at a time. Values
@@ -180,7 +180,7 @@ impl Distributed {
             }
         }
         let dofs: Vec<Index> = self.global.iter().copied().filter(|&dof| dof >= 0).collect();
-        let (sizes, dofs) = ([self.own; 2], of_subdomains.then_some(&dofs[..]));
+        let (sizes, dofs) = ([self.owned; 2], of_subdomains.then_some(&dofs[..]));
         let mut matrix = Matrix::from_pattern(&self.context, Comm::World, sizes, [rows, columns], dofs)?;
         let mut values = Vec::with_capacity(count);
         for range in parts {
@@ -194,8 +194,8 @@ impl Distributed {
     /// Factors a sum of forms with twice the digits, in full on each rank. Collective.
     fn replicated(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
         let entries = precise_entries(sum, |local| usize::try_from(self.global[local]).ok());
-        let own = self.first..self.first + self.own;
-        let factor = ReplicatedFactor::new(&self.context, &entries, own, contact_dofs)?;
+        let range = self.first..self.first + self.owned;
+        let factor = ReplicatedFactor::new(&self.context, &entries, range, contact_dofs)?;
         Ok(Box::new(factor))
     }
 
@@ -240,7 +240,7 @@ impl Engine for Distributed {
     }
 
     fn dofs(&self) -> usize {
-        self.own
+        self.owned
     }
 
     fn dot(&self, x: &[f64], y: &[f64]) -> Result<f64> {
@@ -292,19 +292,19 @@ impl Engine for Distributed {
     fn couplings(&self, sum: &LinearCombination) -> Result<Vec<RowCoupling>> {
         let local = self.cells().couplings(sum)?;
         let magnitudes: Vec<f64> = local.iter().map(|coupling| coupling.magnitude).collect();
-        let mut sums = vec![0.0; self.own];
+        let mut sums = vec![0.0; self.owned];
         self.add_up(&magnitudes, &mut sums)?;
-        let mut own = vec![RowCoupling::default(); self.own];
+        let mut couplings = vec![RowCoupling::default(); self.owned];
         for (dof, coupling) in local.iter().enumerate().filter(|(_, coupling)| coupling.magnitude > 0.0) {
             if let (Some(dof), Some(to)) = (self.own_dof(dof), self.own_dof(coupling.to as usize)) {
-                own[dof] = RowCoupling { to: to as u32, magnitude: sums[dof] };
+                couplings[dof] = RowCoupling { to: to as u32, magnitude: sums[dof] };
             }
         }
-        Ok(own)
+        Ok(couplings)
     }
 
     fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>> {
-        let mut diagonal = vec![0.0; self.own];
+        let mut diagonal = vec![0.0; self.owned];
         self.add_up(&self.cells().diagonal(sum)?, &mut diagonal)?;
         Ok(diagonal)
     }
@@ -317,7 +317,7 @@ impl Engine for Distributed {
         if linear.method() == LinearMethod::Iterative {
             self.prepare_for_algebraic_multigrid(&mut matrix)?;
         }
-        let operator = CellOperator::new(&self.products, self.own, sum);
+        let operator = CellOperator::new(&self.products, self.owned, sum);
         let factor = PetscFactor::new(&self.plex, matrix, operator, linear, self.solves.clone());
         let mut factor = match factor {
             Err(Error::Singular(_)) if is_direct => return self.replicated(sum, contact_dofs),
@@ -326,7 +326,7 @@ impl Engine for Distributed {
         // How many digits MUMPS loses depends on the kernels of BLAS. What is left may do where a
         // factor with twice the digits does not fit.
         if is_direct {
-            let error = self.estimate_factor_error(sum, &mut factor)?;
+            let error = estimate_factor_error(self, sum, &mut factor)?;
             if (error > MOST_SPOILT || error.is_nan())
                 && let Ok(factor) = self.replicated(sum, contact_dofs)
             {
@@ -356,7 +356,7 @@ impl Engine for Distributed {
         solver.set_from_options()?;
         solver.set_up()?;
         let [negative, _, _] = solver.inertia()?;
-        let mut right = Vector::new(&self.context, Comm::World, self.own)?;
+        let mut right = Vector::new(&self.context, Comm::World, self.owned)?;
         let mut solution = right.duplicate()?;
         let solve = move |x: &mut Mat<f64>| {
             for mut column in x.col_iter_mut() {

@@ -87,8 +87,9 @@ impl PetscFactor {
             .map(|cells| Rc::new(RefCell::new(cells)));
         let held = Rc::<RefCell<Vec<usize>>>::default();
         // Multigrid holds dofs in its own matrix, other methods in a copy.
-        let of_solver = if linear.method() == LinearMethod::Multigrid { held.clone() } else { Rc::default() };
-        let operator = operator(&context, cells.as_ref(), &matrix, &of_solver)?;
+        let solver_held =
+            if linear.method() == LinearMethod::Multigrid { held.clone() } else { Rc::default() };
+        let operator = operator(&context, cells.as_ref(), &matrix, &solver_held)?;
         let (solver, levels) = solver(&context, &matrix, operator, linear.hierarchy())?;
         let (right, solution) = (plex.global_vector()?, plex.global_vector()?);
         Ok(PetscFactor {
@@ -120,7 +121,7 @@ impl PetscFactor {
             _ => &mut self.solver,
         };
         // Held dofs have equations of their own, whose size the norm of an iteration cannot weigh
-        // against that of the others.
+        // against the size of the others.
         let held = if pinned && self.linear.method() != LinearMethod::Direct {
             self.held.borrow().clone()
         } else {
@@ -135,7 +136,7 @@ impl PetscFactor {
         }
         if self.linear.method() != LinearMethod::Direct {
             let mut solves = self.solves.get();
-            solves.note(solver.iterations()?);
+            solves.record(solver.iterations()?);
             self.solves.set(solves);
         }
         self.solution.copy_to(x)?;
@@ -192,7 +193,7 @@ impl SystemSolver {
 }
 
 /// Creates the operator that an iteration solves for: the product of the cells, with the rows and
-/// columns of held dofs replaced by those of the identity. Collective.
+/// columns of held dofs replaced by rows of the identity. Collective.
 ///
 /// The assembled matrix of a fine mesh has lost digits, which an iteration on it would have to
 /// correct by the residual of the cells.
@@ -308,7 +309,7 @@ impl Factor for PetscFactor {
         }
         let rows: Vec<Index> = dofs.iter().map(|&dof| (self.first + dof) as Index).collect();
         if let (SystemSolver::Direct, Some((held, solver))) = (&self.linear, &mut self.pinned) {
-            // The pattern is that of the matrix, so that its analysis is kept.
+            // The matrix keeps its pattern, and thus its analysis.
             held.copy_from(&self.matrix)?;
             held.zero_rows_columns(&rows, 1.0)?;
             solver.set_operator(held)?;
@@ -364,10 +365,10 @@ impl CascadeFactor for PetscFactor {
         let cascade = self.cascade.insert(cascade);
         self.right.set_local(b)?;
         // An iteration that gives up on a coarse mesh suggests nothing, and harms no answer.
-        let found = cascade.find(hierarchy.steps(), &self.right, bounded, &mut self.solution, sides);
-        if found.is_ok() {
+        let answer = cascade.find(hierarchy.steps(), &self.right, bounded, &mut self.solution, sides);
+        if answer.is_ok() {
             self.solution.copy_to(x)?;
         }
-        Ok(found.is_ok())
+        Ok(answer.is_ok())
     }
 }

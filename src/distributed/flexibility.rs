@@ -24,8 +24,8 @@ const MOST_COLUMNS: usize = 300;
 pub(super) struct Flexibility {
     context: Rc<Context>,
     /// Number of dofs that this rank owns.
-    own: usize,
-    /// Contact dofs of this rank (ascending), and the number of those of lower ranks.
+    owned: usize,
+    /// Contact dofs of this rank (ascending), and the number of contact dofs of lower ranks.
     dofs: Vec<usize>,
     before: usize,
     /// Number of the lot in which each contact dof of all ranks was added.
@@ -38,18 +38,18 @@ pub(super) struct Flexibility {
 }
 
 impl Flexibility {
-    /// Creates the flexibility of no contact dofs, for a rank that owns `own` dofs.
-    pub fn new(context: &Rc<Context>, own: usize) -> Flexibility {
+    /// Creates the flexibility of no contact dofs, for a rank that owns `owned` dofs.
+    pub fn new(context: &Rc<Context>, owned: usize) -> Flexibility {
         let none = || Mat::zeros(0, 0);
         Flexibility {
             context: context.clone(),
-            own,
+            owned,
             dofs: Vec::new(),
             before: 0,
             lots: Vec::new(),
             block: none(),
             schur: none(),
-            columns: Some(Mat::zeros(own, 0)),
+            columns: Some(Mat::zeros(owned, 0)),
         }
     }
 
@@ -109,7 +109,7 @@ impl Flexibility {
             (old.is_ok(), old.map_or(0, |k| self.before + k))
         };
         let places: Vec<(bool, usize)> = dofs.iter().map(place).collect();
-        let own = self.own;
+        let owned = self.owned;
         let (places, before) = self.context.comm().all_gather_with_offset(&places);
         (self.dofs, self.before) = (dofs.to_vec(), before);
         let count = places.len();
@@ -118,14 +118,14 @@ impl Flexibility {
         let latest = (0..count).filter_map(old).map(|i| self.lots[i]).max();
         let lot = latest.map_or(0, |lot| lot + 1);
         self.lots = (0..count).map(|i| old(i).map_or(lot, |i| self.lots[i])).collect();
-        let kept = |i: usize, j: usize| old(i).zip(old(j)).map_or(0.0, |at| self.block[at]);
+        let kept = |i: usize, j: usize| old(i).zip(old(j)).map_or(0.0, |entry| self.block[entry]);
         self.block = Mat::from_fn(count, count, kept);
         self.columns = self.columns.take().filter(|_| count <= MOST_COLUMNS).map(|columns| {
             let column = |j: usize| old(j).map(|j| columns.col_as_slice(j));
-            Mat::from_fn(own, count, |row, j| column(j).map_or(0.0, |column| column[row]))
+            Mat::from_fn(owned, count, |row, j| column(j).map_or(0.0, |column| column[row]))
         });
         if count == 0 {
-            self.columns = Some(Mat::zeros(own, 0));
+            self.columns = Some(Mat::zeros(owned, 0));
         }
         self.add(lot, solver)?;
         self.invert()
@@ -150,14 +150,14 @@ impl Flexibility {
 
     /// Solves for some columns of A^-1. Collective.
     fn solve_for_columns(&mut self, some: &[usize], solver: &mut Ksp) -> Result<()> {
-        let own = self.own;
-        let mut right = Matrix::dense(&self.context, Comm::World, own, some.len())?;
-        let mut solution = Matrix::dense(&self.context, Comm::World, own, some.len())?;
+        let owned = self.owned;
+        let mut right = Matrix::dense(&self.context, Comm::World, owned, some.len())?;
+        let mut solution = Matrix::dense(&self.context, Comm::World, owned, some.len())?;
         right.with_columns_mut(|values| {
             for (number, column) in some.iter().enumerate() {
                 let mine = column.checked_sub(self.before).and_then(|k| self.dofs.get(k));
                 if let Some(dof) = mine {
-                    values[number * own + dof] = 1.0;
+                    values[number * owned + dof] = 1.0;
                 }
             }
         })?;
@@ -167,7 +167,7 @@ impl Flexibility {
         let mut rows = vec![0.0; count * some.len()];
         solution.with_columns(|values| {
             for (number, &column) in some.iter().enumerate() {
-                let values = &values[number * own..][..own];
+                let values = &values[number * owned..][..owned];
                 for (k, &dof) in self.dofs.iter().enumerate() {
                     rows[number * count + self.before + k] = values[dof];
                 }
@@ -202,10 +202,10 @@ impl Flexibility {
         let mut lots = self.lots.clone();
         if archive.value_of_same(&mut lots)? && lots != self.lots {
             let dofs = std::mem::take(&mut self.dofs);
-            let own: Vec<(usize, u32)> = dofs.into_iter().zip(lots[self.before..].iter().copied()).collect();
+            let dofs: Vec<(usize, u32)> = dofs.into_iter().zip(lots[self.before..].iter().copied()).collect();
             self.set(&[], solver)?;
             for last in lots.iter().copied().collect::<BTreeSet<u32>>() {
-                let so_far = own.iter().filter(|(_, lot)| *lot <= last);
+                let so_far = dofs.iter().filter(|(_, lot)| *lot <= last);
                 self.set(&so_far.map(|(dof, _)| *dof).collect::<Vec<_>>(), solver)?;
             }
             self.lots = lots;

@@ -2,10 +2,10 @@
 //!
 //! A deflection of the coarse mesh is evaluated at the nodes of the fine one: its value and slopes
 //! there are the dofs of the interpolated deflection. Along an edge these depend on the dofs of the
-//! edge's two nodes only, and at the centre of a quadrilateral on those of its four corners. Nodes
-//! come from points of the same rank, so that interpolation needs few messages.
+//! edge's two nodes only, and at the centre of a quadrilateral on the dofs of its four corners.
+//! Nodes come from points of the same rank, so that interpolation needs few messages.
 //!
-//! The reduced HCT triangles of a refined mesh do not contain those of the coarse one, and repeated
+//! The reduced HCT triangles of a refined mesh do not contain the coarse ones, and repeated
 //! interpolation by the triangles gains energy from level to level. Where two triangles form a
 //! parallelogram, the middle of its diagonal therefore takes the value of the reduced FVS
 //! quadrilateral on it.
@@ -25,8 +25,8 @@ use std::collections::HashMap;
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Distance of the midpoint of the apices of two triangles from that of their common edge,
-/// relative to its length, up to which they count as a parallelogram.
+/// Distance between the midpoint of the apices of two triangles and the midpoint of their common
+/// edge, relative to its length, up to which they count as a parallelogram.
 const SYMMETRIC: f64 = 1e-9;
 
 /// Interpolation from level to level of the meshes that a refinement has passed.
@@ -39,8 +39,8 @@ pub struct Hierarchy {
 /// Step from a mesh to the next finer one.
 pub(super) struct Step {
     pub interpolation: Matrix,
-    /// Deflections of the nodes that both meshes have: the dof of the fine mesh, and that of the
-    /// coarse one, among those of this rank.
+    /// Deflections of the nodes that both meshes have: the dof of the fine mesh and the dof of the
+    /// coarse one, counted among the dofs of this rank.
     pub shared: Vec<[usize; 2]>,
 }
 
@@ -57,8 +57,8 @@ pub(super) struct Level<'l> {
     pub extra_cells: &'l [usize],
 }
 
-/// Dofs of a fine node in terms of those of one coarse node: entry `[k][j]` multiplies dof j of the
-/// coarse node.
+/// Dofs of a fine node in terms of the dofs of one coarse node: entry `[k][j]` multiplies dof j of
+/// the coarse node.
 type Block = [[f64; PER_NODE]; PER_NODE];
 
 /// Block of a node that stays.
@@ -112,9 +112,10 @@ fn add_levels(passed: &[(Plex, Refinement)], fine: &Level, steps: &mut Vec<Step>
     let owned = plex.owned()?;
     let (start, vertices) = (plex.chart().start, plex.vertices());
     let owns_point = |point: Index| owned[(point - start) as usize];
-    let mesh = own_mesh(plex, &Names::none(fine.mesh.elements), owns_point)?;
+    let names = Names { elements: fine.mesh.elements, ..Names::default() };
+    let mesh = own_mesh(plex, &names, owns_point)?;
     let fine_nodes = FineNodes::new(plex, refinement, fine)?;
-    let holds: Vec<NodeConstraint> = fine_nodes.of_nodes.iter().map(|&node| fine.holds[node]).collect();
+    let holds: Vec<NodeConstraint> = fine_nodes.nodes.iter().map(|&node| fine.holds[node]).collect();
     // Extra dofs stay in the cells that contain theirs, and keep their values.
     let around = |cell: usize| mesh.locate(fine.mesh.centroid(cell)).unwrap_or_default();
     let mut extra: Vec<(usize, usize)> =
@@ -137,10 +138,10 @@ fn add_levels(passed: &[(Plex, Refinement)], fine: &Level, steps: &mut Vec<Step>
 
 /// Nodes of the fine mesh that the points of the coarse one become, on this rank.
 struct FineNodes {
-    of_nodes: Vec<usize>,
-    of_edges: Vec<usize>,
+    nodes: Vec<usize>,
+    edge_nodes: Vec<usize>,
     /// Node at the centre of each cell that gets one.
-    of_cells: Vec<Option<usize>>,
+    cell_nodes: Vec<Option<usize>>,
     /// Edges of each cell, and ends of each edge, from 0 on.
     edges: Vec<Vec<usize>>,
     ends: Vec<[usize; 2]>,
@@ -153,17 +154,17 @@ impl FineNodes {
         let (cells, edges, vertices) = (plex.cells(), plex.edges(), plex.vertices());
         let first = fine.plex.vertices().start;
         let node = |point: Index| Ok(refinement.vertex(point)?.map(|vertex| (vertex - first) as usize));
-        let known = |point: Index| Ok(node(point)?.unwrap_or_default());
+        let sure_node = |point: Index| Ok(node(point)?.unwrap_or_default());
         let number =
-            |points: Vec<Index>, start: Index| points.into_iter().map(move |of| (of - start) as usize);
+            |points: Vec<Index>, start: Index| points.into_iter().map(move |point| (point - start) as usize);
         let ends = |edge: Index| {
             let ends: Vec<usize> = number(plex.cone(edge)?, vertices.start).collect();
             Ok([ends[0], ends[1]])
         };
         Ok(FineNodes {
-            of_nodes: vertices.clone().map(known).collect::<Result<_>>()?,
-            of_edges: edges.clone().map(known).collect::<Result<_>>()?,
-            of_cells: cells.clone().map(node).collect::<Result<_>>()?,
+            nodes: vertices.clone().map(sure_node).collect::<Result<_>>()?,
+            edge_nodes: edges.clone().map(sure_node).collect::<Result<_>>()?,
+            cell_nodes: cells.clone().map(node).collect::<Result<_>>()?,
             edges: cells
                 .clone()
                 .map(|cell| Ok(number(plex.cone(cell)?, edges.start).collect()))
@@ -194,21 +195,21 @@ impl FineNodes {
     fn diagonals(&self, coarse: &Level, fine: &Level) -> Result<Vec<bool>> {
         let mesh = coarse.mesh;
         let mut sums = [(); 3].map(|()| vec![0.0; fine.mesh.nodes.len()]);
-        let mut lengths = vec![f64::INFINITY; self.of_edges.len()];
+        let mut lengths = vec![f64::INFINITY; self.edge_nodes.len()];
         for cell in 0..mesh.cells.len() {
             let Some((apex, edge, length)) = self.apex(mesh, cell) else { continue };
-            let middle = self.of_edges[edge];
+            let middle = self.edge_nodes[edge];
             let arm = mesh.nodes[apex] - fine.mesh.nodes[middle];
-            sums.iter_mut().zip([1.0, arm.x, arm.y]).for_each(|(sum, of)| sum[middle] += of);
+            sums.iter_mut().zip([1.0, arm.x, arm.y]).for_each(|(sum, term)| sum[middle] += term);
             lengths[edge] = length;
         }
         let [count, x, y] = &sums;
-        let sum = |of: &[f64]| sum_at_nodes(&fine.plex, of);
+        let sum = |nodal: &[f64]| sum_at_nodes(&fine.plex, nodal);
         let (count, x, y) = (sum(count)?, sum(x)?, sum(y)?);
         let is_diagonal = |(&node, length): (&usize, &f64)| {
             count[node] == 2.0 && x[node].hypot(y[node]) <= SYMMETRIC * length
         };
-        Ok(self.of_edges.iter().zip(&lengths).map(is_diagonal).collect())
+        Ok(self.edge_nodes.iter().zip(&lengths).map(is_diagonal).collect())
     }
 }
 
@@ -219,7 +220,7 @@ impl Step {
         let mut entries = Entries::new(coarse, fine)?;
         let mut shared = Vec::new();
         extra.iter().enumerate().for_each(|(column, &row)| entries.push(row, column, 1.0));
-        for (node, &same) in fine_nodes.of_nodes.iter().enumerate() {
+        for (node, &same) in fine_nodes.nodes.iter().enumerate() {
             if fine.owns[same] {
                 entries.add(same, node, &SAME);
                 shared.extend(entries.deflections(same, node));
@@ -230,26 +231,26 @@ impl Step {
         for (cell, corners) in mesh.cells.iter().enumerate() {
             let element = mesh.element(cell)?;
             let corners = corners.nodes();
-            let mut evaluate = |node: usize, at: &[usize]| {
+            let mut evaluate = |node: usize, ends: &[usize]| {
                 let functions = element.basis_at(fine.mesh.nodes[node]);
-                for (of, corner) in functions.chunks_exact(PER_NODE).zip(corners) {
-                    if at.contains(corner) {
-                        entries.add(node, *corner, &block(of, 1.0));
+                for (functions, corner) in functions.chunks_exact(PER_NODE).zip(corners) {
+                    if ends.contains(corner) {
+                        entries.add(node, *corner, &block(functions, 1.0));
                     }
                 }
             };
-            if let Some(centre) = fine_nodes.of_cells[cell] {
+            if let Some(centre) = fine_nodes.cell_nodes[cell] {
                 evaluate(centre, corners);
             }
             for &edge in &fine_nodes.edges[cell] {
-                let middle = fine_nodes.of_edges[edge];
+                let middle = fine_nodes.edge_nodes[edge];
                 if fine.owns[middle] && fine_nodes.cells[edge] == cell && !diagonals[edge] {
                     evaluate(middle, &fine_nodes.ends[edge]);
                 }
             }
             let apex = fine_nodes.apex(mesh, cell).filter(|(_, edge, _)| diagonals[*edge]);
             if let Some((apex, edge, _)) = apex {
-                entries.add_diagonal(mesh, corners, [apex, fine_nodes.of_edges[edge]])?;
+                entries.add_diagonal(mesh, corners, [apex, fine_nodes.edge_nodes[edge]])?;
             }
         }
         Ok(Step { interpolation: entries.matrix()?, shared })
@@ -259,7 +260,7 @@ impl Step {
 /// Returns the values and slopes of the three functions of a node, times a weight.
 fn block(functions: &[BasisFunction], weight: f64) -> Block {
     let row = |value: &dyn Fn(&BasisFunction) -> f64| [0, 1, 2].map(|j| weight * value(&functions[j]));
-    [row(&|of| of.value), row(&|of| of.gradient[0]), row(&|of| of.gradient[1])]
+    [row(&|basis| basis.value), row(&|basis| basis.gradient[0]), row(&|basis| basis.gradient[1])]
 }
 
 /// Entries of an interpolation matrix on their way into PETSc.
@@ -269,7 +270,7 @@ struct Entries<'e> {
     /// Position of each local dof in global vectors of the fine and of the coarse mesh, and
     /// positions of the dofs of this rank.
     positions: [Vec<Index>; 2],
-    own: [Range<Index>; 2],
+    owned: [Range<Index>; 2],
     /// Dofs of tips of compliant stops, by node of the fine mesh: they move with their nodes.
     tips: HashMap<usize, Vec<usize>>,
     rows: Vec<Index>,
@@ -283,7 +284,7 @@ impl<'e> Entries<'e> {
         fine.space.tips().iter().for_each(|&(dof, node)| tips.entry(node).or_default().push(dof));
         Ok(Entries {
             positions: [fine.plex.global_dofs()?, coarse.plex.global_dofs()?],
-            own: [fine.plex.global_vector()?.range(), coarse.plex.global_vector()?.range()],
+            owned: [fine.plex.global_vector()?.range(), coarse.plex.global_vector()?.range()],
             coarse,
             fine,
             tips,
@@ -295,14 +296,15 @@ impl<'e> Entries<'e> {
 
     /// Returns the positions among the dofs of this rank, fine and coarse, of the deflection of a
     /// node that both meshes have.
-    fn deflections(&self, node: usize, of: usize) -> Option<[usize; 2]> {
+    fn deflections(&self, node: usize, coarse_node: usize) -> Option<[usize; 2]> {
         let (fine, _) = self.fine.space.dof(PER_NODE * node)?;
-        let (coarse, _) = self.coarse.space.dof(PER_NODE * of)?;
-        let own = |level: usize, dof: usize| {
+        let (coarse, _) = self.coarse.space.dof(PER_NODE * coarse_node)?;
+        let place = |level: usize, dof: usize| {
             let position = self.positions[level][dof];
-            self.own[level].contains(&position).then(|| (position - self.own[level].start) as usize)
+            let owned = &self.owned[level];
+            owned.contains(&position).then(|| (position - owned.start) as usize)
         };
-        Some([own(0, fine)?, own(1, coarse)?])
+        Some([place(0, fine)?, place(1, coarse)?])
     }
 
     /// Adds an entry that is not zero, given by its local dofs of the fine and of the coarse mesh.
@@ -316,11 +318,13 @@ impl<'e> Entries<'e> {
     }
 
     /// Adds the share of a coarse node in the dofs of a fine node.
-    fn add(&mut self, node: usize, of: usize, block: &Block) {
+    fn add(&mut self, node: usize, coarse_node: usize, block: &Block) {
         for (k, row) in block.iter().enumerate() {
             let Some(to) = self.fine.space.dof(PER_NODE * node + k) else { continue };
             for (j, entry) in row.iter().enumerate() {
-                let Some((column, share)) = self.coarse.space.dof(PER_NODE * of + j) else { continue };
+                let Some((column, share)) = self.coarse.space.dof(PER_NODE * coarse_node + j) else {
+                    continue;
+                };
                 let tips = self.tips.get(&node).filter(|_| k == 0).into_iter().flatten();
                 let rows: Vec<(usize, f64)> =
                     std::iter::once(to).chain(tips.map(|&tip| (tip, 1.0))).collect();
@@ -332,10 +336,10 @@ impl<'e> Entries<'e> {
     }
 
     /// Adds the share of a triangle in the middle of its longest edge, the diagonal of a
-    /// parallelogram: that of its apex, and half of that of the edge's ends.
+    /// parallelogram: the share of its apex, and half of the share of the edge's ends.
     fn add_diagonal(&mut self, mesh: &Mesh, corners: &[usize], [apex, middle]: [usize; 2]) -> Result<()> {
-        let at = corners.iter().position(|&node| node == apex).unwrap_or_default();
-        let [apex, a, b] = [0, 1, 2].map(|k| corners[(at + k) % 3]);
+        let first = corners.iter().position(|&node| node == apex).unwrap_or_default();
+        let [apex, a, b] = [0, 1, 2].map(|k| corners[(first + k) % 3]);
         let centre = self.fine.mesh.nodes[middle];
         let [p, q, r] = [apex, a, b].map(|node| mesh.nodes[node]);
         let opposite = Point::from(q.coords + r.coords - p.coords);
@@ -349,8 +353,8 @@ impl<'e> Entries<'e> {
     /// Creates the matrix. Collective.
     fn matrix(self) -> Result<Matrix> {
         let context = self.fine.plex.context();
-        let own = |level: &Level| Ok(level.plex.global_vector()?.local_size());
-        let sizes = [own(self.fine)?, own(self.coarse)?];
+        let size = |level: &Level| Ok(level.plex.global_vector()?.local_size());
+        let sizes = [size(self.fine)?, size(self.coarse)?];
         let mut matrix = Matrix::from_pattern(context, Comm::World, sizes, [self.rows, self.columns], None)?;
         matrix.set_values(&self.values)?;
         matrix.without_triplets()

@@ -1,4 +1,4 @@
-//! Relation of a rank's part of the mesh to those of the other ranks.
+//! Relation of a rank's part of the mesh to the parts of the other ranks.
 
 use super::engine::Distributed;
 use super::own_mesh::sum_at_nodes;
@@ -59,7 +59,7 @@ impl Partition for MeshPart {
         Ok(sums)
     }
 
-    fn sum_at_nodes(&self, of_nodes: &[f64]) -> Result<Vec<f64>> {
-        sum_at_nodes(&self.plex, of_nodes)
+    fn sum_at_nodes(&self, nodal: &[f64]) -> Result<Vec<f64>> {
+        sum_at_nodes(&self.plex, nodal)
     }
 }

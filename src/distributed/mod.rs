@@ -2,7 +2,7 @@
 //!
 //! A mesh is partitioned into one [`Part`] per rank. [`Distributed`] is the engine over the dofs of
 //! all parts: products cell by cell, factors and solves by PETSc. [`MeshPart`] relates the dofs and
-//! nodes of a part to those of the engine and of the other ranks.
+//! nodes of a part to the engine and to the other ranks.
 
 mod cascade;
 mod engine;

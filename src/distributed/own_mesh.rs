@@ -22,11 +22,6 @@ pub(super) struct Names {
 }
 
 impl Names {
-    /// Returns no names, for a mesh with these elements.
-    pub fn none(elements: ElementByShape) -> Names {
-        Names { elements, ..Names::default() }
-    }
-
     pub fn of(mesh: &Mesh) -> Names {
         Names {
             edges: mesh.edges.keys().cloned().collect(),
@@ -70,8 +65,8 @@ pub(super) fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool)
             let ends = plex.cone(edge)?;
             let [a, b] = [number(ends[0]), number(ends[1])];
             // The cell lies on the left, as along the boundary of the whole mesh.
-            let left = &mesh.cells[(plex.support(edge)?[0] - cells.start) as usize];
-            Ok(if left.edges().any(|side| side == [a, b]) { [a, b] } else { [b, a] })
+            let cell = &mesh.cells[(plex.support(edge)?[0] - cells.start) as usize];
+            Ok(if cell.edges().any(|side| side == [a, b]) { [a, b] } else { [b, a] })
         });
         let sides = sides.collect::<Result<_>>()?;
         mesh.edges.insert(name.clone(), sides);
@@ -87,8 +82,8 @@ pub(super) fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool)
     Ok(mesh)
 }
 
-/// Returns the layout of the dofs of a mesh: those that `extra_cells`, ascending, have, then those
-/// of the nodes with their tips of compliant stops, of which an empty `tips_at` has none.
+/// Returns the layout of the dofs of a mesh: the extra dofs of `extra_cells`, ascending, then the
+/// dofs of the nodes with their tips of compliant stops. An empty `tips_at` has no tips.
 /// Collective.
 pub(super) fn section(
     plex: &Plex,
@@ -101,7 +96,10 @@ pub(super) fn section(
     Section::new(plex.context(), Comm::World, plex.chart(), |point| {
         if cells.contains(&point) {
             let cell = (point - cells.start) as usize;
-            return Dofs { count: extra_cells.iter().filter(|of| **of == cell).count(), held: Vec::new() };
+            return Dofs {
+                count: extra_cells.iter().filter(|other| **other == cell).count(),
+                held: Vec::new(),
+            };
         }
         if !vertices.contains(&point) {
             return Dofs::default();
@@ -119,16 +117,16 @@ pub(super) fn section(
 ///
 /// # Errors
 /// Returns [`Error::Petsc`] where PETSc reports an error.
-pub fn sum_at_nodes(plex: &Plex, of_nodes: &[f64]) -> Result<Vec<f64>> {
+pub fn sum_at_nodes(plex: &Plex, nodal: &[f64]) -> Result<Vec<f64>> {
     let vertices = plex.vertices();
     let one_each = Section::new(plex.context(), Comm::World, plex.chart(), |point| Dofs {
         count: usize::from(vertices.contains(&point)),
         held: Vec::new(),
     })?;
     let plex = plex.with_section(&one_each)?;
-    let (mut all, mut own) = (plex.global_vector()?, plex.local_vector()?);
-    own.set_local(of_nodes)?;
-    plex.add_to_global(&own, &mut all)?;
-    plex.to_local(&all, &mut own)?;
-    own.with_local(|sums| sums.to_vec())
+    let (mut global, mut local) = (plex.global_vector()?, plex.local_vector()?);
+    local.set_local(nodal)?;
+    plex.add_to_global(&local, &mut global)?;
+    plex.to_local(&global, &mut local)?;
+    local.with_local(|sums| sums.to_vec())
 }

@@ -23,7 +23,7 @@ pub struct Part {
     /// A named edge or node is only on the rank that owns it, so that sums over all ranks count it
     /// once.
     pub mesh: Mesh,
-    /// Local dofs: after the extra dofs those of the nodes, each with its tips of compliant stops.
+    /// Local dofs: the extra ones, then the nodes' dofs, each with its tips of compliant stops.
     ///
     /// Constrained dofs are zero.
     pub space: DofMap,
@@ -91,7 +91,7 @@ impl Part {
     /// Works as [`Part::new`] for a valid mesh that only rank 0 reads. Collective.
     ///
     /// # Errors
-    /// Returns the error of `read`, or those of [`Part::new`]; all ranks get the same.
+    /// Returns the error of `read` or an error of [`Part::new`]; all ranks get the same.
     pub fn of_mesh(
         context: &Rc<Context>,
         read: impl FnOnce() -> Result<Mesh>,
@@ -132,14 +132,14 @@ impl Part {
         let mesh = own_mesh(&plex, names, owns)?;
         let places = context.comm().all_ok(supports(&mesh))?;
         let holds = spread_holds(&plex, &DofMap::holds(&mesh, &places))?;
-        let sums = |of_nodes: &[f64]| sum_at_nodes(&plex, of_nodes);
+        let sums = |nodal: &[f64]| sum_at_nodes(&plex, nodal);
         let tips = tips.map_or(Ok(Vec::new()), |tips| tips(&mesh, &holds, &sums));
         let tips = context.comm().all_ok(tips)?;
         let mut tips_at = vec![0; holds.len()];
         tips.iter().for_each(|&node| tips_at[node] += 1);
         let mine = extra_cells(context.comm(), &mesh, extra)?;
         let mut extra = vec![None; extra.len()];
-        mine.iter().enumerate().for_each(|(at, (_, number))| extra[*number] = Some(at));
+        mine.iter().enumerate().for_each(|(dof, (_, number))| extra[*number] = Some(dof));
         let extra_cells: Vec<usize> = mine.iter().map(|(cell, _)| *cell).collect();
         let section = section(&plex, &holds, &extra_cells, &tips_at)?;
         let space = DofMap::of_all(&holds, mine.len(), &tips);
@@ -218,7 +218,7 @@ fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
     let mut order: Vec<usize> = (0..whole.cells.len()).collect();
     order.sort_by_key(|&cell| whole.cells[cell].nodes().len());
     let mut place = vec![0; order.len()];
-    order.iter().enumerate().for_each(|(at, &cell)| place[cell] = at as Index);
+    order.iter().enumerate().for_each(|(number, &cell)| place[cell] = number as Index);
     let cells: Vec<&[usize]> = order.iter().map(|&cell| whole.cells[cell].nodes()).collect();
     let positions: Vec<[f64; 2]> = whole.nodes.iter().map(|&node| node.into()).collect();
     let mut plex = Plex::from_first(context, &cells, &positions)?;
@@ -244,16 +244,17 @@ fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
 /// Sums the constraints of all ranks at each node.
 ///
 /// An edge's support must also reach ranks that have only a vertex of that edge.
-fn spread_holds(plex: &Plex, own: &[NodeConstraint]) -> Result<Vec<NodeConstraint>> {
-    let part =
-        |of: &dyn Fn(&NodeConstraint) -> f64| sum_at_nodes(plex, &own.iter().map(of).collect::<Vec<_>>());
+fn spread_holds(plex: &Plex, holds: &[NodeConstraint]) -> Result<Vec<NodeConstraint>> {
+    let sum = |part: &dyn Fn(&NodeConstraint) -> f64| {
+        sum_at_nodes(plex, &holds.iter().map(part).collect::<Vec<_>>())
+    };
     let [deflection, xx, xy, yy] = [
-        part(&|hold| hold.deflection)?,
-        part(&|hold| hold.slopes[0])?,
-        part(&|hold| hold.slopes[1])?,
-        part(&|hold| hold.slopes[2])?,
+        sum(&|hold| hold.deflection)?,
+        sum(&|hold| hold.slopes[0])?,
+        sum(&|hold| hold.slopes[1])?,
+        sum(&|hold| hold.slopes[2])?,
     ];
     let hold =
         |node: usize| NodeConstraint { deflection: deflection[node], slopes: [xx[node], xy[node], yy[node]] };
-    Ok((0..own.len()).map(hold).collect())
+    Ok((0..holds.len()).map(hold).collect())
 }

@@ -9,8 +9,8 @@ use std::rc::Rc;
 
 /// Products cell by cell over all ranks.
 ///
-/// A product is that of the native engine over the dofs of the rank's cells (and thus avoids the
-/// loss of h^-4 relative accuracy), with an exchange of shared dofs before and after.
+/// The native engine multiplies over the dofs of the rank's cells (and thus avoids the loss of h^-4
+/// relative accuracy), with an exchange of shared dofs before and after.
 pub(super) struct CellProducts {
     plex: Rc<Plex>,
     /// Native engine of this rank's cells, on local vectors.
@@ -30,18 +30,18 @@ struct Work {
 
 impl Work {
     /// Gathers the values of a vector at this rank's local dofs into `x`.
-    fn read(&mut self, plex: &Plex, own: &[f64]) -> Result<()> {
-        self.global.set_local(own)?;
+    fn read(&mut self, plex: &Plex, x: &[f64]) -> Result<()> {
+        self.global.set_local(x)?;
         plex.to_local(&self.global, &mut self.read)?;
         self.read.copy_to(&mut self.x)
     }
 
     /// Adds up the values of all ranks at their local dofs.
-    fn add_up(&mut self, plex: &Plex, values: &[f64], own: &mut [f64]) -> Result<()> {
+    fn add_up(&mut self, plex: &Plex, values: &[f64], sums: &mut [f64]) -> Result<()> {
         self.given.set_local(values)?;
         self.global.fill(0.0)?;
         plex.add_to_global(&self.given, &mut self.global)?;
-        self.global.copy_to(own)
+        self.global.copy_to(sums)
     }
 }
 
@@ -56,8 +56,8 @@ impl CellProducts {
     }
 
     /// Adds up the contributions of all ranks over their local dofs. Collective.
-    pub fn add_up(&self, local: &[f64], own: &mut [f64]) -> Result<()> {
-        self.work.borrow_mut().add_up(&self.plex, local, own)
+    pub fn add_up(&self, local: &[f64], sums: &mut [f64]) -> Result<()> {
+        self.work.borrow_mut().add_up(&self.plex, local, sums)
     }
 
     /// Passes the values of a vector at this rank's local dofs to products with local vectors, and
@@ -65,16 +65,16 @@ impl CellProducts {
     pub fn through_cells<R, const N: usize>(
         &self,
         x: &[f64],
-        own: [&mut [f64]; N],
+        results: [&mut [f64]; N],
         product: impl FnOnce(&[f64], &mut [Vec<f64>; 2]) -> Result<R>,
     ) -> Result<R> {
         let (work, sums) = (&mut *self.work.borrow_mut(), &mut *self.sums.borrow_mut());
         work.read(&self.plex, x)?;
-        let result = product(&work.x, sums)?;
-        for (sum, own) in sums.iter().zip(own) {
-            work.add_up(&self.plex, sum, own)?;
+        let value = product(&work.x, sums)?;
+        for (sum, result) in sums.iter().zip(results) {
+            work.add_up(&self.plex, sum, result)?;
         }
-        Ok(result)
+        Ok(value)
     }
 
     /// Calls a function with the values of a vector at this rank's local dofs. Collective.
@@ -94,19 +94,19 @@ pub(super) struct CellOperator {
 }
 
 impl CellOperator {
-    /// Creates the operator of a sum of forms, for a rank that owns `own` dofs. The operator owns
+    /// Creates the operator of a sum of forms, for a rank that owns `owned` dofs. The operator owns
     /// copies of the forms, which share the arrays of their cells. Returns `None` where a form is
     /// the mass of modes, which has no cells.
-    pub fn new(products: &Rc<CellProducts>, own: usize, sum: &LinearCombination) -> Option<CellOperator> {
+    pub fn new(products: &Rc<CellProducts>, owned: usize, sum: &LinearCombination) -> Option<CellOperator> {
         if sum.has_modes() {
             return None;
         }
         let terms = sum.terms().iter().map(|(weight, form)| (*weight, (*form).clone())).collect();
         let product = vec![0.0; products.cells.dofs()];
-        Some(CellOperator { products: products.clone(), terms, product, free: vec![0.0; own] })
+        Some(CellOperator { products: products.clone(), terms, product, free: vec![0.0; owned] })
     }
 
-    /// Works as [`CellOperator::apply`] with the rows and columns of some dofs replaced by those of
+    /// Works as [`CellOperator::apply`] with the rows and columns of some dofs replaced by rows of
     /// the identity. Collective.
     pub fn apply_with_held(&mut self, held: &[usize], x: &[f64], y: &mut [f64]) -> Result<()> {
         let mut free = std::mem::take(&mut self.free);

@@ -16,8 +16,8 @@ use std::rc::Rc;
 pub struct ReplicatedFactor {
     context: Rc<Context>,
     factor: Cholesky,
-    /// Dofs of this rank among those of all ranks.
-    own: Range<usize>,
+    /// Range of this rank's dofs among the dofs of all ranks.
+    range: Range<usize>,
     dofs: usize,
 }
 
@@ -31,20 +31,20 @@ impl ReplicatedFactor {
     pub(super) fn new(
         context: &Rc<Context>,
         entries: &[PreciseEntry],
-        own: Range<usize>,
+        range: Range<usize>,
         contact_dofs: &[usize],
     ) -> Result<ReplicatedFactor> {
         let comm = context.comm();
-        let [dofs, count] = comm.all_reduce_sum([own.len(), entries.len()]);
+        let [dofs, count] = comm.all_reduce_sum([range.len(), entries.len()]);
         let bytes = (3 * count * size_of::<PreciseEntry>()) as u64;
         let room = memory::require_of_each(bytes, comm.size(), "the entries of the whole matrix", |_| {
             "cells that are less slender need no factor with twice the digits".into()
         });
         comm.all_ok(room)?;
         let entries = comm.all_gather(entries);
-        let contact_dofs: Vec<usize> = contact_dofs.iter().map(|dof| own.start + dof).collect();
+        let contact_dofs: Vec<usize> = contact_dofs.iter().map(|dof| range.start + dof).collect();
         let factor = factor_precise(dofs, &entries, &comm.all_gather(&contact_dofs));
-        Ok(ReplicatedFactor { context: context.clone(), factor: comm.all_ok(factor)?, own, dofs })
+        Ok(ReplicatedFactor { context: context.clone(), factor: comm.all_ok(factor)?, range, dofs })
     }
 
     /// Returns the values of all ranks. Collective.
@@ -57,7 +57,7 @@ impl Factor for ReplicatedFactor {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         let mut values = self.gather(x);
         self.factor.solve(&mut values)?;
-        x.copy_from_slice(&values[self.own.clone()]);
+        x.copy_from_slice(&values[self.range.clone()]);
         Ok(())
     }
 
@@ -77,7 +77,7 @@ impl Factor for ReplicatedFactor {
     fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
         let mut solution = vec![0.0; self.dofs];
         self.factor.back_substitute(values, &mut solution)?;
-        x.copy_from_slice(&solution[self.own.clone()]);
+        x.copy_from_slice(&solution[self.range.clone()]);
         Ok(())
     }
 
@@ -86,7 +86,7 @@ impl Factor for ReplicatedFactor {
     }
 
     fn pin(&mut self, dofs: &[usize]) -> Result<()> {
-        let dofs: Vec<usize> = dofs.iter().map(|dof| self.own.start + dof).collect();
+        let dofs: Vec<usize> = dofs.iter().map(|dof| self.range.start + dof).collect();
         self.factor.pin(&self.context.comm().all_gather(&dofs))
     }
 }

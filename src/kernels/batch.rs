@@ -40,7 +40,7 @@ enum Places {
 struct RowPlaces {
     /// Lanes in use.
     used: LaneMask,
-    /// Place of each local dof in the first lane; those of the other lanes follow it.
+    /// Place of each local dof in the first lane; the other lanes follow it.
     starts: Vec<u32>,
     /// Places and numbers of two local dofs, the second of which lies one place further. Both are
     /// added at once: a processor waits where it loads places only some of which were just stored.
@@ -109,10 +109,10 @@ impl Batch {
                 let first_lane = simd.mask_between_m64s(0, 1).mask();
                 for &(start, [dof, next]) in &row.pairs {
                     for k in 0..N {
-                        let (own, next) = (&locals[k][dof as usize], &locals[k][next as usize]);
+                        let (dof, next) = (&locals[k][dof as usize], &locals[k][next as usize]);
                         let places = &mut sums[k][start as usize..][..LANES + 1];
                         places[LANES] += next.0[LANES - 1];
-                        let sum = Lanes::at(places, 0) + *own + next.moved_up(simd, first_lane);
+                        let sum = Lanes::at(places, 0) + *dof + next.moved_up(simd, first_lane);
                         places[..LANES].copy_from_slice(&sum.0);
                     }
                 }
@@ -137,7 +137,7 @@ impl Batch {
 }
 
 /// Cells in a row while it is being built: each dof of the cell in lane k lies k positions after
-/// that of the first lane.
+/// the dof of the first lane.
 struct Row<'a> {
     layout: &'a Layout,
     /// Position of each local dof in the first lane; unknown while all cells so far hold it.
@@ -202,12 +202,13 @@ impl Batches {
         for (number, (dofs, class)) in batches.cells.iter().enumerate() {
             classes.entry((dofs.len(), *class)).or_default().push(number);
         }
-        let mut left: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
+        let mut remainders: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
         for ((size, kind), mut class) in classes {
             batches.sort_along_lines(layout, &mut class);
             let (rows, loose) = batches.rows(layout, &class);
             let whole = loose.chunks_exact(LANES);
-            left.entry((size, matches!(kind, CellClass::Bare(_)))).or_default().extend(whole.remainder());
+            let kind = (size, matches!(kind, CellClass::Bare(_)));
+            remainders.entry(kind).or_default().extend(whole.remainder());
             if rows.is_empty() && whole.len() == 0 {
                 continue;
             }
@@ -222,7 +223,7 @@ impl Batches {
                 batches.scatter(layout, panel, chunk);
             }
         }
-        for loose in left.values() {
+        for loose in remainders.values() {
             for chunk in loose.chunks(LANES) {
                 let panel = batches.panel(chunk);
                 batches.scatter(layout, panel, chunk);
@@ -255,8 +256,8 @@ impl Batches {
         self.cells == cells
     }
 
-    /// Sorts the cells of a class by the offset of their dofs from those of the cell with the
-    /// fewest held dofs.
+    /// Sorts the cells of a class by the offset of their dofs from the dofs of the cell that has
+    /// the fewest held ones.
     fn sort_along_lines(&self, layout: &Layout, class: &mut [usize]) {
         let held = |&cell: &usize| self.cells[cell].0.iter().filter(|dof| dof.is_none()).count();
         let Some(model) = class.iter().copied().min_by_key(held) else { return };

@@ -20,13 +20,10 @@ pub(crate) struct Panel {
     /// Whether all cells are springs between two dofs, k (a - b)^2 / 2. Their product is computed
     /// from the difference, which a stiff spring leaves much smaller than a and b.
     is_difference: bool,
-    /// Whether all matrices of more than two dofs are diagonal.
-    is_diagonal: bool,
 }
 
 impl Panel {
     fn new(cells: [&ElementMatrix; LANES]) -> Panel {
-        let size = cells[0].dofs.len();
         let matrices = cells.map(|cell| &*cell.matrix);
         let bending = cells.map(|cell| cell.bending.as_deref());
         Panel {
@@ -34,7 +31,6 @@ impl Panel {
             // Either all cells of a panel have it or none has.
             strains: bending[0].and_then(|first| Strains::new(bending.map(|cell| cell.unwrap_or(first)))),
             is_difference: matrices.iter().all(|matrix| is_difference(matrix)),
-            is_diagonal: size > 2 && matrices.iter().all(|matrix| is_diagonal(matrix, size)),
         }
     }
 
@@ -50,15 +46,6 @@ impl Panel {
             result[1] = self.matrix[1] * difference;
             return result[0] * difference;
         }
-        if self.is_diagonal {
-            let diagonal = self.matrix.iter().step_by(local.len() + 1);
-            let mut form = Lanes::default();
-            for ((result, value), entry) in result.iter_mut().zip(local).zip(diagonal) {
-                *result = *entry * *value;
-                form += *result * *value;
-            }
-            return form;
-        }
         matrix_product::<S, false>(simd, &self.matrix, local, result);
         let mut form = Lanes::default();
         for (value, force) in local.iter().zip(result) {
@@ -71,15 +58,6 @@ impl Panel {
     #[inline(always)]
     pub fn add_with_magnitude<S: Simd>(&self, simd: S, scale: f64, local: &[Lanes], room: Room) {
         let Room { work, result, y, m } = room;
-        if self.is_diagonal {
-            let diagonal = self.matrix.iter().step_by(local.len() + 1);
-            for (((y, m), value), entry) in y.iter_mut().zip(m).zip(local).zip(diagonal) {
-                let term = scale * (*entry * *value);
-                *y += term;
-                *m += term.abs();
-            }
-            return;
-        }
         for (work, value) in work.iter_mut().zip(local) {
             work.set_to_scaled_abs(simd, scale, value);
         }
@@ -94,14 +72,9 @@ impl Panel {
     }
 }
 
-/// Returns whether a local matrix is that of a spring between two dofs, (k, -k, -k, k).
+/// Returns whether a local matrix belongs to a spring between two dofs, (k, -k, -k, k).
 fn is_difference(matrix: &[f64]) -> bool {
     matches!(*matrix, [a, b, c, d] if a == d && b == -a && c == b)
-}
-
-/// Returns whether a local matrix of `size` rows is diagonal.
-fn is_diagonal(matrix: &[f64], size: usize) -> bool {
-    matrix.iter().enumerate().all(|(place, entry)| place % (size + 1) == 0 || *entry == 0.0)
 }
 
 /// Computes result = matrix local, or |matrix| local, lane by lane.

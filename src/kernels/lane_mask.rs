@@ -3,7 +3,7 @@
 //! The compiler turns a choice between two numbers into a jump or into a choice between their
 //! addresses, neither of which works on whole registers. A choice by bits does.
 
-use super::lane_values::{LANES, Lanes};
+use super::lane_values::{LANES, Lanes, operators};
 use std::ops::{BitAnd, BitOr, Not};
 
 /// Condition on each lane: all bits of a lane are 1 where it holds, and 0 where not.
@@ -34,7 +34,7 @@ impl LaneMask {
     /// Returns whether the condition holds on some lane.
     #[inline(always)]
     pub fn any(self) -> bool {
-        self.0.iter().fold(0, |all, lane| all | lane) != 0
+        self.0.iter().fold(0, |bits, lane| bits | lane) != 0
     }
 
     /// Returns the numbers of `yes` where the condition holds, and of `no` where not.
@@ -61,29 +61,7 @@ impl Lanes {
     }
 }
 
-impl BitAnd for LaneMask {
-    type Output = LaneMask;
-
-    #[inline(always)]
-    fn bitand(mut self, other: LaneMask) -> LaneMask {
-        for lane in 0..LANES {
-            self.0[lane] &= other.0[lane];
-        }
-        self
-    }
-}
-
-impl BitOr for LaneMask {
-    type Output = LaneMask;
-
-    #[inline(always)]
-    fn bitor(mut self, other: LaneMask) -> LaneMask {
-        for lane in 0..LANES {
-            self.0[lane] |= other.0[lane];
-        }
-        self
-    }
-}
+operators! { LaneMask: BitAnd, bitand, &=; BitOr, bitor, |=; }
 
 impl Not for LaneMask {
     type Output = LaneMask;

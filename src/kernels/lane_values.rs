@@ -59,10 +59,10 @@ impl Lanes {
     /// From a loop over many [`Lanes`], the compiler may otherwise make vectors across them, which
     /// it gathers and scatters; so with [`Lanes::add_scaled`].
     #[inline(always)]
-    pub fn set_to_scaled_abs<S: Simd>(&mut self, simd: S, scale: f64, of: &Lanes) {
+    pub fn set_to_scaled_abs<S: Simd>(&mut self, simd: S, scale: f64, other: &Lanes) {
         let scale = simd.splat_f64s(scale);
-        for (own, of) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&of.0).0) {
-            *own = simd.mul_f64s(scale, simd.abs_f64s(*of));
+        for (value, other) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&other.0).0) {
+            *value = simd.mul_f64s(scale, simd.abs_f64s(*other));
         }
     }
 
@@ -70,8 +70,8 @@ impl Lanes {
     #[inline(always)]
     pub fn add_scaled<S: Simd>(&mut self, simd: S, scale: f64, other: &Lanes) {
         let scale = simd.splat_f64s(scale);
-        for (own, other) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&other.0).0) {
-            *own = simd.add_f64s(*own, simd.mul_f64s(scale, *other));
+        for (value, other) in S::as_mut_simd_f64s(&mut self.0).0.iter_mut().zip(S::as_simd_f64s(&other.0).0) {
+            *value = simd.add_f64s(*value, simd.mul_f64s(scale, *other));
         }
     }
 
@@ -140,58 +140,30 @@ pub(crate) fn store<S: Simd>(force: [S::f64s; 3], result: &mut [Lanes], node: us
     }
 }
 
-impl Add for Lanes {
-    type Output = Lanes;
+/// Implements operators lane by lane.
+macro_rules! operators {
+    ($type:ident: $($operator:ident, $method:ident, $assign:tt;)+) => {
+        $(impl $operator for $type {
+            type Output = $type;
 
-    #[inline(always)]
-    fn add(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] += other.0[lane];
-        }
-        self
-    }
+            #[inline(always)]
+            fn $method(mut self, other: $type) -> $type {
+                for lane in 0..LANES {
+                    self.0[lane] $assign other.0[lane];
+                }
+                self
+            }
+        })+
+    };
 }
+pub(super) use operators;
+
+operators! { Lanes: Add, add, +=; Sub, sub, -=; Mul, mul, *=; Div, div, /=; }
 
 impl AddAssign for Lanes {
     #[inline(always)]
     fn add_assign(&mut self, other: Lanes) {
         *self = *self + other;
-    }
-}
-
-impl Sub for Lanes {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn sub(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] -= other.0[lane];
-        }
-        self
-    }
-}
-
-impl Mul for Lanes {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn mul(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] *= other.0[lane];
-        }
-        self
-    }
-}
-
-impl Div for Lanes {
-    type Output = Lanes;
-
-    #[inline(always)]
-    fn div(mut self, other: Lanes) -> Lanes {
-        for lane in 0..LANES {
-            self.0[lane] /= other.0[lane];
-        }
-        self
     }
 }
 

@@ -3,8 +3,7 @@
 //! Eight sums run in the registers of the processor at once, whatever their width, so that the
 //! result is the same on all processors.
 
-/// Number of partial sums.
-pub(crate) const LANES: usize = 8;
+pub(crate) use super::lane_values::LANES;
 
 /// Returns the scalar product.
 #[inline(always)]
@@ -20,10 +19,10 @@ pub(crate) fn dots<const N: usize>(row: &[f64], vectors: [&[f64]; N]) -> [f64; N
     let vectors = vectors.map(|vector| &vector[..size]);
     let mut sums = [[0.0; LANES]; N];
     let whole = size - size % LANES;
-    for at in (0..whole).step_by(LANES) {
+    for start in (0..whole).step_by(LANES) {
         for (sums, vector) in sums.iter_mut().zip(&vectors) {
             for lane in 0..LANES {
-                sums[lane] += row[at + lane] * vector[at + lane];
+                sums[lane] += row[start + lane] * vector[start + lane];
             }
         }
     }
@@ -39,9 +38,9 @@ pub(crate) fn dots<const N: usize>(row: &[f64], vectors: [&[f64]; N]) -> [f64; N
 pub(crate) fn sum(size: usize, term: impl Fn(usize) -> f64) -> f64 {
     let mut sums = [0.0; LANES];
     let whole = size - size % LANES;
-    for at in (0..whole).step_by(LANES) {
+    for start in (0..whole).step_by(LANES) {
         for (lane, sum) in sums.iter_mut().enumerate() {
-            *sum += term(at + lane);
+            *sum += term(start + lane);
         }
     }
     total(sums) + (whole..size).map(term).sum::<f64>()

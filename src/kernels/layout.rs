@@ -78,7 +78,7 @@ impl Line {
         &self,
         laid: &'a mut [f64],
     ) -> [(&'a mut [[f64; NODES]], &'a mut [f64]); 3] {
-        // The places are those of different dofs.
+        // Different dofs have different places.
         let kinds = laid.get_disjoint_mut(self.places()).unwrap_or_default();
         kinds.map(<[f64]>::as_chunks_mut)
     }
@@ -268,6 +268,6 @@ mod tests {
         assert!(places.iter().zip(&x).all(|(place, value)| laid[*place] == *value));
         let mut back = vec![0.0; x.len()];
         layout.take(simd, &mut laid, &mut back);
-        assert!(back == x && laid.iter().all(|left| *left == 0.0));
+        assert!(back == x && laid.iter().all(|value| *value == 0.0));
     }
 }

@@ -226,7 +226,7 @@ mod tests {
                     let energy: f64 = forces.iter().zip(&values).map(|(force, value)| force * value).sum();
                     let close = |a: f64, b: f64| (a - b).abs() <= 1e-12;
                     assert!(
-                        result.iter().zip(&forces).all(|(of, force)| close(of.0[lane], *force)),
+                        result.iter().zip(&forces).all(|(lanes, force)| close(lanes.0[lane], *force)),
                         "{arch:?}"
                     );
                     assert!(close(form.0[lane], energy), "{arch:?}: {} and {energy}", form.0[lane]);

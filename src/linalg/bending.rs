@@ -8,10 +8,10 @@ impl Bending {
     /// Returns the columns of R extended to all dofs of the cell, in double-double arithmetic.
     pub(super) fn strains(&self) -> Vec<Vec<DoubleDouble>> {
         let size = 3 * self.arms.len();
-        let own = |column: usize| self.root.iter().skip(column).step_by(size);
+        let entries = |column: usize| self.root.iter().skip(column).step_by(size);
         let mut strains: Vec<Vec<DoubleDouble>> = vec![vec![DoubleDouble::default(); size]; 3];
-        strains.extend((0..size).map(|column| own(column).map(|&r| r.into()).collect()));
-        // Rigid motions make no strain, so the first node's columns balance those of the others.
+        strains.extend((0..size).map(|column| entries(column).map(|&r| r.into()).collect()));
+        // Rigid motions make no strain, so the first node's columns balance the others.
         for (k, arm) in self.arms.iter().enumerate() {
             for row in 0..size {
                 let [w, slope_x, slope_y] = [0, 1, 2].map(|dof| strains[3 * (k + 1) + dof][row]);

@@ -71,8 +71,8 @@ impl<'a, T: Into<LinearCombination<'a>>> Add<T> for LinearCombination<'a> {
 
     fn add(mut self, other: T) -> LinearCombination<'a> {
         for (weight, form) in other.into().terms {
-            match self.terms.iter_mut().find(|(_, own)| std::ptr::eq(*own, form)) {
-                Some((own, _)) => *own += weight,
+            match self.terms.iter_mut().find(|(_, term)| std::ptr::eq(*term, form)) {
+                Some((sum, _)) => *sum += weight,
                 None => self.terms.push((weight, form)),
             }
         }

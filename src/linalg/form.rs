@@ -29,16 +29,22 @@ pub enum Form {
 }
 
 impl Form {
-    /// Returns whether both forms have the same contributions of cells, bit for bit. Modal masses
-    /// are not compared, and are never equal.
+    /// Returns whether the form is a singular mass, `$M = B^T C^{-1} B$`, which leaves part of the
+    /// displacement without inertia.
+    pub fn is_singular(&self) -> bool {
+        !matches!(self, Form::Cells(_))
+    }
+
+    /// Returns whether both forms have the same contributions of cells and the same modes, bit for
+    /// bit.
     pub fn equals(&self, other: &Form) -> bool {
         match (self, other) {
-            (Form::Cells(own), Form::Cells(other)) => own.blocks() == other.blocks(),
-            (Form::SingularMassCells(own), Form::SingularMassCells(other)) => own.rows() == other.rows(),
-            (Form::Modal { consistent: own, modes }, Form::Modal { consistent: other, modes: of_other }) => {
-                own.blocks() == other.blocks()
-                    && modes.squares == of_other.squares
-                    && modes.shapes == of_other.shapes
+            (Form::Cells(cells), Form::Cells(other)) => cells.blocks() == other.blocks(),
+            (Form::SingularMassCells(cells), Form::SingularMassCells(other)) => cells.rows() == other.rows(),
+            (Form::Modal { consistent, modes }, Form::Modal { consistent: cells, modes: others }) => {
+                consistent.blocks() == cells.blocks()
+                    && modes.squares == others.squares
+                    && modes.shapes == others.shapes
             }
             _ => false,
         }

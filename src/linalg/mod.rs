@@ -80,7 +80,7 @@ pub struct LinearSolves {
 
 impl LinearSolves {
     /// Records a system that took some iterations.
-    pub fn note(&mut self, iterations: usize) {
+    pub fn record(&mut self, iterations: usize) {
         self.count += 1;
         self.iterations += iterations as u64;
         self.most = self.most.max(iterations as u64);
@@ -100,7 +100,7 @@ pub struct RowCoupling {
 /// precision is kept: each correction by the residual then gains at least three digits.
 pub const MOST_SPOILT: f64 = 1e-3;
 
-/// Number of power iterations that [`Engine::estimate_factor_error`] measures.
+/// Number of power iterations that [`estimate_factor_error`] measures.
 const LOOKS: usize = 3;
 
 /// Linear algebra behind the contact solvers and the schemes; see the [module page](self).
@@ -112,7 +112,7 @@ pub trait Engine: Sized {
     type Comm: Communicator;
 
     /// Whether equal matrices give equal bits in every run, so that results may be kept between
-    /// runs. Options and the number of ranks change those of an engine on top of a library.
+    /// runs. Options and the number of ranks change the bits of an engine on top of a library.
     const REPEATS: bool = false;
 
     /// Returns the communicator.
@@ -176,7 +176,7 @@ pub trait Engine: Sized {
     }
 
     /// Returns for each dof at most one coupling to another dof in a sum of forms with positive
-    /// weights: that of a slope to the deflection of its node. The default has no couplings.
+    /// weights: a slope's coupling to the deflection of its node. The default has no couplings.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -193,12 +193,6 @@ pub trait Engine: Sized {
             Form::SingularMassCells(averages) => averages.cells(),
             Form::Modal { modes, .. } => modes.count(),
         }
-    }
-
-    /// Returns whether a mass is a singular one, `$M = B^T C^{-1} B$`, which leaves part of the
-    /// displacement without inertia.
-    fn is_singular(&self, mass: &Form) -> bool {
-        !matches!(mass, Form::Cells(_))
     }
 
     /// Computes the velocity of a displacement rate x: `$V = C^{-1} B x$` for the singular mass,
@@ -242,44 +236,6 @@ pub trait Engine: Sized {
 
     /// Returns the diagonal of a sum of forms, one entry per dof.
     fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>>;
-
-    /// Estimates the relative energy-norm error of a solve with a factor of the sum, caused by
-    /// rounding the entries of the assembled matrix.
-    ///
-    /// The power iteration starts from the answer to forces on all dofs, in which slow motions
-    /// prevail, and continues with the error of each solve.
-    ///
-    /// # Errors
-    /// Returns the errors of the engine and of the factor.
-    fn estimate_factor_error(&self, sum: &LinearCombination, factor: &mut dyn Factor) -> Result<f64> {
-        if let Some(error) = factor.known_error() {
-            return Ok(error);
-        }
-        let mut x = random::golden_vector(self.dofs());
-        let (mut force, mut product) = (vec![0.0; x.len()], vec![0.0; x.len()]);
-        factor.solve(&mut x)?;
-        let mut worst = 0.0_f64;
-        for look in 0..=LOOKS {
-            force.fill(0.0);
-            let mut energy = 0.0;
-            for (scale, form) in sum.terms() {
-                energy += scale * self.multiply(form, &x, &mut product)?;
-                axpy(*scale, &product, &mut force);
-            }
-            if energy.is_nan() {
-                return Ok(energy);
-            }
-            // The energy is zero without dofs, and rounding may make it slightly negative.
-            let norm = energy.abs().sqrt().max(f64::MIN_POSITIVE);
-            if look > 0 {
-                worst = worst.max(norm);
-            }
-            factor.solve(&mut force)?;
-            subtract(&force, &mut x);
-            divide(norm, &mut x);
-        }
-        Ok(worst)
-    }
 
     /// Checks, from the pattern and before anything is factored, that `factors` factors of a sum of
     /// forms fit into memory at once. The default, for an engine that cannot know, accepts.
@@ -330,6 +286,64 @@ pub trait Engine: Sized {
     }
 }
 
+/// Computes y = A x for a sum of forms, with work space for a product, and returns `$x^T A x$`.
+/// Collective.
+///
+/// # Errors
+/// Returns the errors of the engine.
+pub(crate) fn multiply_sum(
+    engine: &impl Engine,
+    sum: &LinearCombination,
+    x: &[f64],
+    product: &mut [f64],
+    y: &mut [f64],
+) -> Result<f64> {
+    y.fill(0.0);
+    let mut square = 0.0;
+    for (scale, form) in sum.terms() {
+        square += scale * engine.multiply(form, x, product)?;
+        axpy(*scale, product, y);
+    }
+    Ok(square)
+}
+
+/// Estimates the relative energy-norm error of a solve with a factor of the sum, caused by rounding
+/// the entries of the assembled matrix. Collective.
+///
+/// The power iteration starts from the answer to forces on all dofs, in which slow motions prevail,
+/// and continues with the error of each solve.
+///
+/// # Errors
+/// Returns the errors of the engine and of the factor.
+pub fn estimate_factor_error(
+    engine: &impl Engine,
+    sum: &LinearCombination,
+    factor: &mut dyn Factor,
+) -> Result<f64> {
+    if let Some(error) = factor.known_error() {
+        return Ok(error);
+    }
+    let mut x = random::golden_vector(engine.dofs());
+    let (mut force, mut product) = (vec![0.0; x.len()], vec![0.0; x.len()]);
+    factor.solve(&mut x)?;
+    let mut worst = 0.0_f64;
+    for look in 0..=LOOKS {
+        let energy = multiply_sum(engine, sum, &x, &mut product, &mut force)?;
+        if energy.is_nan() {
+            return Ok(energy);
+        }
+        // The energy is zero without dofs, and rounding may make it slightly negative.
+        let norm = energy.abs().sqrt().max(f64::MIN_POSITIVE);
+        if look > 0 {
+            worst = worst.max(norm);
+        }
+        factor.solve(&mut force)?;
+        subtract(&force, &mut x);
+        divide(norm, &mut x);
+    }
+    Ok(worst)
+}
+
 /// Factor of an indefinite matrix.
 pub struct Indefinite {
     /// Number of negative eigenvalues.
@@ -353,7 +367,7 @@ pub struct BoundedDofs<'b> {
 /// Factor of a symmetric positive definite matrix A; see the [module page](self).
 ///
 /// Vectors over the contact dofs are the same on every rank: the contact dofs of the first rank,
-/// ascending, then those of the second, and so on.
+/// ascending, then the second rank's, and so on.
 pub trait Factor {
     /// Solves A x = b in place: x holds b on entry.
     fn solve(&mut self, x: &mut [f64]) -> Result<()>;
@@ -428,7 +442,7 @@ pub trait Factor {
     fn solve_schur(&self, h: &mut [f64]);
 
     /// Factors the matrix again with some dofs (in any order) held fixed: their rows and columns
-    /// become those of the identity.
+    /// become rows and columns of the identity.
     ///
     /// The contact dofs keep their positions. Until a call without dofs restores the factor of A,
     /// only [`Factor::solve`] may be called.

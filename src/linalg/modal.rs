@@ -7,8 +7,8 @@
 //! ```
 //!
 //! Only the modes carry inertia; the rest of the displacement answers at once, as in statics. The
-//! mass has rank m on any mesh, and its fastest motion is set by m and not by the cells. The
-//! velocities `$V = B \dot U$` are those of the modes, in m/s times the root of kg.
+//! mass has rank m on any mesh, and its fastest motion is set by m and not by the cells. The modes
+//! have the velocities `$V = B \dot U$`, in m/s times the root of kg.
 
 use super::vectors::{axpy, dot};
 use faer::Mat;

@@ -68,7 +68,7 @@ impl Native {
         self.arch.dispatch(Pass { product, layout, space: workspace.space() })
     }
 
-    /// Returns the batches of some cells, those of the last form where the cells are the same.
+    /// Returns the batches of some cells, which the last form gives where its cells are the same.
     fn batches(&self, cells: Vec<Cell>) -> Rc<Batches> {
         let mut last = self.batches.borrow_mut();
         match &*last {
@@ -135,7 +135,7 @@ fn visit_columns(sum: &LinearCombination, visit: &mut dyn FnMut(usize)) {
 pub type PreciseEntry = (usize, usize, f64, f64);
 
 /// Returns the contributions of the cells to the lower triangle of a sum of forms, between dofs
-/// with the numbers that `number` gives to those of the cells; dofs without one have no rows.
+/// with the numbers that `number` gives to the cells' dofs; dofs without one have no rows.
 pub fn precise_entries(
     sum: &LinearCombination,
     number: impl Fn(usize) -> Option<usize>,
@@ -298,7 +298,7 @@ impl Engine for Native {
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
         if let Some(mut factor) = in_doubles(self.dofs(), sum, contact_dofs)?
-            && self.estimate_factor_error(sum, &mut factor)? <= MOST_SPOILT
+            && super::estimate_factor_error(self, sum, &mut factor)? <= MOST_SPOILT
         {
             return Ok(Box::new(factor));
         }
@@ -341,8 +341,7 @@ fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     visit_columns: impl Fn(&mut dyn FnMut(usize)),
     visit_entries: impl Fn(&mut dyn FnMut(usize, usize, V)),
 ) -> Result<(SymbolicSparseColMat<usize>, Vec<V>)> {
-    // All entries of the cells are first sorted into their columns; those of one row are then added
-    // up.
+    // All entries of the cells are first sorted into their columns; equal rows are then added up.
     let mut starts = vec![0; dofs + 1];
     visit_columns(&mut |column| starts[column + 1] += 1);
     for column in 0..dofs {

@@ -92,7 +92,7 @@ pub fn dot(x: &[f64], y: &[f64]) -> f64 {
 /// Returns the scalar product of m with a x + b y, in eight sums that do not wait for each other.
 pub(crate) fn dot_of_sum(m: &[f64], [a, b]: [f64; 2], [x, y]: [&[f64]; 2]) -> f64 {
     assert!(x.len() == m.len() && y.len() == m.len(), "vectors of different lengths");
-    let [(m, m_rest), (x, x_rest), (y, y_rest)] = [m, x, y].map(|of| of.as_chunks::<8>());
+    let [(m, m_rest), (x, x_rest), (y, y_rest)] = [m, x, y].map(|vector| vector.as_chunks::<8>());
     let mut sums = [0.0; 8];
     for (m, (x, y)) in m.iter().zip(x.iter().zip(y)) {
         for k in 0..8 {
@@ -128,9 +128,9 @@ pub(crate) fn clear(x: &mut [f64]) {
 pub(crate) struct Largest(i64);
 
 impl Largest {
-    /// Takes note of a number.
+    /// Raises the largest magnitude to the one of a number.
     #[inline(always)]
-    pub fn note(&mut self, value: f64) {
+    pub fn raise(&mut self, value: f64) {
         self.0 = self.0.max(value.abs().to_bits() as i64);
     }
 
@@ -146,7 +146,7 @@ impl Largest {
 pub(crate) fn largest(values: impl Iterator<Item = f64>) -> f64 {
     let mut largest = Largest::default();
     for value in values {
-        largest.note(value);
+        largest.raise(value);
     }
     largest.value()
 }
@@ -178,14 +178,14 @@ mod tests {
         let x = [0.1, -0.0, 3e300, 1.0 / 3.0];
         let y = [0.7, 0.0, -3e-300, 1.0 / 7.0];
         let a = -1.0 / 11.0;
-        let bits = |of: &[f64]| of.iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
-        let by_loop = |of: &dyn Fn(f64, f64) -> f64| {
-            let values: Vec<f64> = x.iter().zip(&y).map(|(x, y)| of(*x, *y)).collect();
+        let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<u64>>();
+        let by_loop = |entry: &dyn Fn(f64, f64) -> f64| {
+            let values: Vec<f64> = x.iter().zip(&y).map(|(x, y)| entry(*x, *y)).collect();
             bits(&values)
         };
-        let in_place = |of: &dyn Fn(&[f64], &mut [f64])| {
+        let in_place = |form: &dyn Fn(&[f64], &mut [f64])| {
             let mut y = y;
-            of(&x, &mut y);
+            form(&x, &mut y);
             bits(&y)
         };
         assert_eq!(in_place(&|x, y| axpy(-a, x, y)), by_loop(&|x, y| y - a * x));
@@ -204,7 +204,8 @@ mod tests {
     #[test]
     fn a_dot_with_a_sum_counts_each_entry_once() {
         for size in [0, 7, 8, 21] {
-            let entries = |of: fn(f64) -> f64| (0..size).map(|i| of(f64::from(i))).collect::<Vec<f64>>();
+            let entries =
+                |entry: fn(f64) -> f64| (0..size).map(|i| entry(f64::from(i))).collect::<Vec<f64>>();
             let [m, x, y] = [entries(|i| 1.0 + i), entries(|i| 2.0 - i), entries(|i| i * i)];
             let mut sum = vec![0.0; x.len()];
             waxpby(3.0, &x, -0.5, &y, &mut sum);

@@ -4,7 +4,7 @@ use super::conjugate_gradients;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::vectors::{axpy, aypx};
-use crate::linalg::{Engine, Factor, Form, LinearCombination, MOST_SPOILT};
+use crate::linalg::{Engine, Factor, Form, LinearCombination, MOST_SPOILT, estimate_factor_error};
 use crate::obstacle::Bounds;
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, CheckedSolver, Condensed, Problem, StepReport};
@@ -53,7 +53,7 @@ pub fn equilibrium<E: Engine + 'static>(
 ) -> Result<Equilibrium> {
     let matrix = stiffness.into();
     if let Some(mut rough) = engine.rough_factor(&matrix)? {
-        let error = engine.estimate_factor_error(&matrix, rough.as_mut())?;
+        let error = estimate_factor_error(engine, &matrix, rough.as_mut())?;
         if error <= MOST_SPOILT {
             let solver = Condensed::with_factor(engine, rough, error, bounds.len())?;
             return corrected(engine, solver, &matrix, stiffness, load, bounds);

@@ -2,7 +2,7 @@
 //!
 //! Rounding the entries of A spoils the slow motions of fine meshes: the answer to a right-hand
 //! side leaves a residual `$\delta = A x - b - G^T r$`, with a relative error `$\varepsilon$` of x
-//! that [`Engine::estimate_factor_error`](crate::linalg::Engine::estimate_factor_error) tells. In
+//! that [`estimate_factor_error`](crate::linalg::estimate_factor_error) tells. In
 //! place of a correction within the step, the step from `$U^n$` is solved for
 //! `$b^n - 2 \delta^{n-1} + \delta^{n-2}$`. What its equation misses is then
 //!

@@ -52,12 +52,21 @@ impl BoundStatus {
         }
     }
 
-    /// Returns the status of a sign.
-    pub(super) fn of_sign(sign: i8) -> BoundStatus {
+    /// Returns the status of a sign, which is opposite to the reaction's.
+    pub(super) fn of_sign(sign: f64) -> BoundStatus {
         match sign {
-            ..0 => BoundStatus::Lower,
-            0 => BoundStatus::Free,
-            1.. => BoundStatus::Upper,
+            sign if sign < 0.0 => BoundStatus::Lower,
+            sign if sign > 0.0 => BoundStatus::Upper,
+            _ => BoundStatus::Free,
+        }
+    }
+
+    /// Returns the bound at which x lies; `None` between both.
+    pub(super) fn value(self, lower: f64, upper: f64) -> Option<f64> {
+        match self {
+            BoundStatus::Free => None,
+            BoundStatus::Lower => Some(lower),
+            BoundStatus::Upper => Some(upper),
         }
     }
 
@@ -74,11 +83,7 @@ impl BoundStatus {
     /// Returns this status if its bound is finite, otherwise `Free`: a bound may have gone since
     /// the last step.
     pub(super) fn within(self, lower: f64, upper: f64) -> BoundStatus {
-        match self {
-            BoundStatus::Lower if lower.is_finite() => BoundStatus::Lower,
-            BoundStatus::Upper if upper.is_finite() => BoundStatus::Upper,
-            _ => BoundStatus::Free,
-        }
+        if self.value(lower, upper).is_some_and(f64::is_finite) { self } else { BoundStatus::Free }
     }
 }
 
@@ -135,6 +140,17 @@ impl Exchange {
             self.single_above = Some(self.fewest);
         }
         Some(if self.single_above.is_some() { Move::Last } else { Move::All })
+    }
+
+    /// Exchanges indices that violate a condition. Returns `false` where none does, or at the
+    /// limit.
+    pub fn advance(&mut self, sides: &mut [BoundStatus], broken: &[(usize, BoundStatus)]) -> bool {
+        match self.next(broken.len(), || fingerprint(sides)) {
+            None => return false,
+            Some(Move::All) => exchange(sides, broken),
+            Some(Move::Last) => exchange(sides, &broken[broken.len() - 1..]),
+        }
+        true
     }
 }
 
@@ -217,11 +233,8 @@ impl DenseProblem<'_> {
                 }
             }
             let values = BoundValues { lower, upper, x, reaction, magnitude };
-            let broken = broken(sides, values);
-            match rule.next(broken.len(), || fingerprint(sides)) {
-                None => break,
-                Some(Move::All) => exchange(sides, &broken),
-                Some(Move::Last) => exchange(sides, &broken[broken.len() - 1..]),
+            if !rule.advance(sides, &broken(sides, values)) {
+                break;
             }
         }
         for (r, side) in reaction.iter_mut().zip(sides.iter()) {
@@ -237,10 +250,9 @@ impl DenseProblem<'_> {
         let DenseProblem { matrix, rhs: h, lower, upper } = *self;
         let mut free = SmallVec::<[usize; FEW]>::new();
         for (i, side) in sides.iter().enumerate() {
-            match side {
-                BoundStatus::Free => free.push(i),
-                BoundStatus::Lower => x[i] = lower[i],
-                BoundStatus::Upper => x[i] = upper[i],
+            match side.value(lower[i], upper[i]) {
+                None => free.push(i),
+                Some(bound) => x[i] = bound,
             }
         }
         if free.is_empty() {

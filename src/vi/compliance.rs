@@ -16,11 +16,12 @@
 mod active_factor;
 mod laws;
 
-use super::active_set::{BoundStatus, BoundValues, Exchange, Move, broken, exchange, fingerprint};
+use super::active_set::{BoundStatus, BoundValues, Exchange, broken};
 use crate::archive::Archive;
 use crate::contact_law::Laws;
 use crate::error::Result;
 use crate::kernels::wide::widest;
+use crate::linalg::vectors::largest;
 use active_factor::ActiveFactor;
 use faer::Mat;
 use pulp::Arch;
@@ -91,7 +92,7 @@ impl ComplianceSolver {
     /// Solves the problem with bounds that are rigid but for their own compliance.
     fn solve_rigid(&mut self, problem: ComplianceProblem, x: &mut [f64], reaction: &mut [f64]) {
         let ComplianceProblem { compliance, free, lower, upper, .. } = problem;
-        let mut rule: Option<Exchange> = None;
+        let mut rule = Exchange::new(free.len());
         (self.iterations, self.residual) = (0, 0.0);
         for (i, side) in self.sides.iter_mut().enumerate() {
             *side = side.within(lower[i], upper[i]);
@@ -108,14 +109,8 @@ impl ComplianceSolver {
             self.hold(problem, x, reaction);
             let values = BoundValues { lower, upper, x, reaction, magnitude: &self.magnitude };
             let broken = broken(&self.sides, values);
-            if broken.is_empty() {
+            if !rule.advance(&mut self.sides, &broken) {
                 break;
-            }
-            let rule = rule.get_or_insert_with(|| Exchange::new(free.len()));
-            match rule.next(broken.len(), || fingerprint(&self.sides)) {
-                None => break,
-                Some(Move::All) => exchange(&mut self.sides, &broken),
-                Some(Move::Last) => exchange(&mut self.sides, &broken[broken.len() - 1..]),
             }
             self.iterations = rule.iterations;
         }
@@ -133,7 +128,7 @@ impl ComplianceSolver {
         forces.clear();
         forces.extend(active.iter().map(|&i| held(i, sides[i]) - free[i]));
         factor.solve(forces);
-        let largest = forces.iter().fold(0.0, |most: f64, force| most.max(force.abs()));
+        let largest = largest(forces.iter().copied());
         for (&i, force) in active.iter().zip(&*forces) {
             (reaction[i], magnitude[i]) = (*force, largest);
         }
@@ -160,7 +155,7 @@ impl ComplianceSolver {
 
     /// Returns the compliance of the bound that a dof is at, in m/N; 0 for a rigid one.
     fn softness(&self, dof: usize) -> f64 {
-        self.softness.get(dof).map_or(0.0, |of| of[usize::from(self.sides[dof] == BoundStatus::Upper)])
+        self.softness.get(dof).map_or(0.0, |sides| sides[usize::from(self.sides[dof] == BoundStatus::Upper)])
     }
 
     /// Solves R_AA s = b for the dofs A in contact in the last answer, in place and in their order.
@@ -184,8 +179,7 @@ impl ComplianceSolver {
         archive.value(&mut self.factorisations)
     }
 
-    /// Lists the dofs in contact, and makes the factor that of their compliance. Returns whether
-    /// there is one.
+    /// Lists the dofs in contact, and factors their compliance. Returns whether there is a factor.
     fn factor_active(&mut self, compliance: &Mat<f64>) -> bool {
         let soft = |i: usize| (i, self.softness(i));
         let is_active = |i: &usize| self.sides[*i] != BoundStatus::Free;

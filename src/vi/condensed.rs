@@ -20,7 +20,7 @@ use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{clear, is_zero};
-use crate::linalg::{Engine, Factor, LinearCombination};
+use crate::linalg::{Engine, Factor, LinearCombination, estimate_factor_error};
 use crate::obstacle::Bounds;
 
 /// Number of candidates above which active dofs are pinned in the sparse matrix.
@@ -41,7 +41,7 @@ pub struct Condensed {
     /// Status of each bound in the last answer.
     sides: Vec<BoundStatus>,
     factorisations: u64,
-    /// Error of the first factor, and that of the present one where digits were added to it.
+    /// Error of the first factor, and of the present one where digits were added to it.
     factor_error: f64,
     error_with_digits: Option<f64>,
     work: DenseWork,
@@ -61,9 +61,9 @@ struct DenseWork {
 }
 
 impl DenseWork {
-    /// Gathers bounds and codes of statuses from all ranks, given those of this rank. Returns the
-    /// place of its first candidate. Collective.
-    fn gather(&mut self, comm: &impl Communicator, own: impl Iterator<Item = (f64, f64, u8)>) -> usize {
+    /// Gathers the ranks' bounds and codes of statuses. Returns the place of this rank's first
+    /// candidate. Collective.
+    fn gather(&mut self, comm: &impl Communicator, bounds: impl Iterator<Item = (f64, f64, u8)>) -> usize {
         self.lower.clear();
         self.upper.clear();
         self.sides.clear();
@@ -73,11 +73,11 @@ impl DenseWork {
             self.sides.push(BoundStatus::from_code(code));
         };
         if comm.size() == 1 {
-            own.for_each(add);
+            bounds.for_each(add);
             return 0;
         }
-        let (all, first) = comm.all_gather_with_offset(&own.collect::<Vec<_>>());
-        all.into_iter().for_each(&mut add);
+        let (gathered, first) = comm.all_gather_with_offset(&bounds.collect::<Vec<_>>());
+        gathered.into_iter().for_each(&mut add);
         first
     }
 }
@@ -97,11 +97,11 @@ impl Condensed {
     /// Returns [`Error::Singular`] where the matrix is not positive definite.
     pub fn new(engine: &impl Engine, matrix: &LinearCombination, bounded: usize) -> Result<Condensed> {
         let mut factor = engine.factor(matrix, &[])?;
-        let error = engine.estimate_factor_error(matrix, factor.as_mut())?;
+        let error = estimate_factor_error(engine, matrix, factor.as_mut())?;
         Condensed::with_factor(engine, factor, error, bounded)
     }
 
-    /// Takes a factor without contact dofs whose [`Engine::estimate_factor_error`] is `error`.
+    /// Takes a factor without contact dofs whose [`estimate_factor_error`] is `error`.
     ///
     /// # Errors
     /// Returns [`Error::Singular`] where rounding spoils the factor too much.
@@ -150,9 +150,9 @@ impl Condensed {
         }
         let others: Vec<usize> = (0..bounds.len()).filter(|&i| others[i]).collect();
         let mut gaps: Vec<f64> = others.iter().map(|&i| gap(i)).collect();
-        let own_broken = gaps.iter().filter(|gap| **gap < 0.0).count();
-        let [broken, known] = engine.comm().all_reduce_sum([own_broken, candidates.len()]);
-        if known + broken > DENSE_LIMIT {
+        let broken = gaps.iter().filter(|gap| **gap < 0.0).count();
+        let [broken, present] = engine.comm().all_reduce_sum([broken, candidates.len()]);
+        if present + broken > DENSE_LIMIT {
             return self.pin(engine, matrix);
         }
         // All ranks agree on how small a gap counts as near. No lot is larger than the limit, so
@@ -161,7 +161,7 @@ impl Condensed {
         gaps.truncate(DENSE_LIMIT);
         let mut gaps = engine.comm().all_gather(&gaps);
         gaps.sort_by(f64::total_cmp);
-        let lot = broken.max(known).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - known);
+        let lot = broken.max(present).max(FIRST_LOT).min(gaps.len()).min(DENSE_LIMIT - present);
         let near = gaps[lot - 1];
         // `total_cmp` orders NaN too, as the sort above did, so that each round adds candidates.
         candidates.extend(others.into_iter().filter(|&i| gap(i).total_cmp(&near).is_le()));
@@ -223,9 +223,7 @@ impl Condensed {
         let Method::Pinned { pinned } = method else { return act(&mut |x| factor.solve(x)) };
         factor.pin(&[])?;
         let done = act(&mut |x| factor.solve(x))?;
-        let held = |i: &usize| pinned[*i] != BoundStatus::Free;
-        let dofs: Vec<usize> = (0..bounds.len()).filter(held).map(|i| bounds.dofs[i]).collect();
-        factor.pin(&dofs)?;
+        factor.pin(&active_dofs(bounds, pinned))?;
         Ok(done)
     }
 
@@ -241,11 +239,11 @@ impl Condensed {
             return Ok(0);
         }
         // Every rank solves the same dense problem, from the bounds and statuses of all ranks.
-        let own = candidates.iter().map(|&i| {
+        let limits = candidates.iter().map(|&i| {
             let side = self.sides[i].within(bounds.lower[i], bounds.upper[i]);
             (bounds.lower[i], bounds.upper[i], side as u8)
         });
-        let first = self.work.gather(engine.comm(), own);
+        let first = self.work.gather(engine.comm(), limits);
         let DenseWork { lower, upper, sides, h, values, forces } = &mut self.work;
         [&mut *h, values, forces].into_iter().for_each(|v| v.resize(size, 0.0));
         forces.fill(0.0);
@@ -295,8 +293,7 @@ impl<E: Engine> Solver<E> for Condensed {
         iterations += self.solve_pinned(engine, problem, answer)?;
         let touches = touching(&self.sides) || answer.reaction.iter().any(|r| *r != 0.0);
         if !engine.comm().all_reduce_any(touches) {
-            // Nothing touches and nothing is pinned, so the factor is that of the matrix itself
-            // again.
+            // Nothing touches and nothing is pinned, so the matrix itself is factored again.
             self.method = Method::Dense { candidates: Vec::new() };
         }
         Ok(iterations)
@@ -326,15 +323,14 @@ impl<E: Engine> Solver<E> for Condensed {
         }
         BoundStatus::archive(&mut marks, archive)?;
         if !archive.saves() {
-            let marked: Vec<usize> = (0..bounds.len()).filter(|&i| marks[i] != BoundStatus::Free).collect();
-            let dofs: Vec<usize> = marked.iter().map(|&i| bounds.dofs[i]).collect();
+            let dofs = active_dofs(bounds, &marks);
             // A factor depends on its matrix and these dofs alone, not on its history.
             self.method = if pins {
                 self.factor.pin(&dofs)?;
                 Method::Pinned { pinned: marks }
             } else {
                 self.change_contact_dofs(engine, matrix, &dofs)?;
-                Method::Dense { candidates: marked }
+                Method::Dense { candidates: active(&marks).collect() }
             };
             if has_more_digits {
                 self.add_digits(engine, matrix)?;
@@ -362,7 +358,7 @@ impl<E: Engine> Solver<E> for Condensed {
     fn add_digits(&mut self, engine: &E, matrix: &LinearCombination) -> Result<()> {
         if self.factor.add_digits(matrix)? {
             self.factorisations += 1;
-            self.error_with_digits = Some(engine.estimate_factor_error(matrix, self.factor.as_mut())?);
+            self.error_with_digits = Some(estimate_factor_error(engine, matrix, self.factor.as_mut())?);
         }
         Ok(())
     }
@@ -390,8 +386,8 @@ impl<E: Engine> Solver<E> for Condensed {
     }
 }
 
-/// Sets an answer to that of the first rank, since rounding may decide which nodes touch. Returns
-/// its number of exchanges. Collective.
+/// Sets an answer to the first rank's, since rounding may decide which nodes touch. Returns its
+/// number of exchanges. Collective.
 fn agree(
     comm: &impl Communicator,
     [values, forces]: [&mut [f64]; 2],
@@ -411,9 +407,19 @@ fn agree(
     answer[0].3
 }
 
+/// Returns the indices of the active bounds.
+fn active(sides: &[BoundStatus]) -> impl Iterator<Item = usize> {
+    (0..sides.len()).filter(|&i| sides[i] != BoundStatus::Free)
+}
+
+/// Returns the dofs of the active bounds.
+fn active_dofs(bounds: &Bounds, sides: &[BoundStatus]) -> Vec<usize> {
+    active(sides).map(|i| bounds.dofs[i]).collect()
+}
+
 /// Returns whether any bound is active.
 fn touching(sides: &[BoundStatus]) -> bool {
-    sides.iter().any(|&side| side != BoundStatus::Free)
+    active(sides).next().is_some()
 }
 
 /// Returns whether x violates a bound that is not among the candidates (ascending).

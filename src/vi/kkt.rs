@@ -17,7 +17,7 @@
 //! solvers work.
 //!
 //! Where a bound yields, complementarity compares the reaction with its law: it is the smaller of
-//! the relative error of the reaction and that of the depth.
+//! the relative errors of reaction and depth.
 
 mod rows;
 
@@ -37,7 +37,7 @@ use rows::{RowTerms, raised};
 const NEGLIGIBLE: f64 = 1e-4;
 
 /// Parts of the KKT residual, each dimensionless.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Residual {
     /// Componentwise backward error of A x = b + G^T r.
     pub stationarity: f64,
@@ -53,7 +53,7 @@ impl Residual {
     /// Returns the largest part; NaN if any part is.
     pub fn worst(&self) -> f64 {
         let parts = [self.stationarity, self.penetration, self.adhesion, self.complementarity];
-        parts.into_iter().fold(0.0, larger)
+        largest(parts.into_iter())
     }
 }
 
@@ -160,7 +160,7 @@ impl KktCheck {
     }
 
     /// Creates the check of problems with a stiffness K, given K + s M as well: rows in which K has
-    /// no entry, like those of balls, are measured against the forces that s M exerts there. Where
+    /// no entry, as of balls, are measured against the forces that s M exerts there. Where
     /// the whole answer is rounding, as at the instant at which a ball meets a plate at rest, all
     /// rows are measured against these forces at deflections of `length` (m). Collective.
     ///
@@ -199,8 +199,8 @@ impl KktCheck {
         answer: &Answer,
     ) -> Result<f64> {
         let length = self.length(engine, problem, answer);
-        let own = self.parts(engine, &Problem { length, ..*problem }, more, answer)?.worst();
-        Ok(engine.comm().all_reduce_max(own))
+        let worst = self.parts(engine, &Problem { length, ..*problem }, more, answer)?.worst();
+        Ok(engine.comm().all_reduce_max(worst))
     }
 
     /// Returns an upper limit of [`KktCheck::residual`] at the cost of the product A x alone, and
@@ -236,8 +236,8 @@ impl KktCheck {
         let length = self.length(engine, problem, answer);
         let size = engine.comm().all_reduce_max(largest_product(&self.scale, x));
         let contact = ContactState::of(problem.bounds, answer);
-        let own = self.limit_of_parts(&Problem { length, ..*problem }, term, size, answer, contact).worst();
-        Ok(Some(engine.comm().all_reduce_max(own)))
+        let parts = self.limit_of_parts(&Problem { length, ..*problem }, term, size, answer, contact);
+        Ok(Some(engine.comm().all_reduce_max(parts.worst())))
     }
 
     /// Returns upper limits of the parts of the residual on this rank, given A x in its place, a
@@ -269,7 +269,7 @@ impl KktCheck {
         }
         let mut stationarity = rows.compare(floor, residual, magnitude);
         if contact.is_free() {
-            return Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
+            return Residual { stationarity, ..Residual::default() };
         }
         let magnitude =
             |row: usize, reaction: f64| raised(rows.magnitude(row) + reaction.abs(), floor, scale[row]);
@@ -287,8 +287,8 @@ impl KktCheck {
     }
 
     /// Returns the length scale of a problem. Where it is 0, the answer gives one: its largest
-    /// deflection, or that of a bounded dof which has the energy of its largest entry. Deflections
-    /// alone may be what rounding left of slopes. Collective.
+    /// deflection, or the deflection of a bounded dof with the energy of its largest entry.
+    /// Deflections alone may be what rounding left of slopes. Collective.
     fn length<E: Engine>(&self, engine: &E, problem: &Problem, answer: &Answer) -> f64 {
         if problem.length != 0.0 {
             return problem.length;
@@ -373,7 +373,7 @@ impl KktCheck {
         let floor = lowest_share(larger(size, *least_size));
         let stationarity = largest_ratio(residual, magnitude, scale, floor);
         if contact.is_free() {
-            return Ok(Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 });
+            return Ok(Residual { stationarity, ..Residual::default() });
         }
         Ok(of_contact(problem, answer, 0..bounds.len(), stationarity, |row, _| {
             raised(magnitude[row], floor, scale[row])
@@ -392,7 +392,7 @@ fn of_contact(
 ) -> Residual {
     let Problem { bounds, length, .. } = *problem;
     let (x, reaction) = (&*answer.x, &*answer.reaction);
-    let mut parts = Residual { stationarity, penetration: 0.0, adhesion: 0.0, complementarity: 0.0 };
+    let mut parts = Residual { stationarity, ..Residual::default() };
     for i in touching {
         let (dof, r) = (bounds.dofs[i], reaction[i]);
         let (below, above) = (x[dof] - bounds.lower[i], bounds.upper[i] - x[dof]);
@@ -406,8 +406,8 @@ fn of_contact(
         parts.penetration = larger(parts.penetration, ratio(outside, length));
         let side = usize::from(if r == 0.0 { above < 0.0 } else { r < 0.0 });
         if let Some(law) = bounds.laws.get(i, side) {
-            let [of_force, of_depth] = laws::errors(&law, bounds.depth(i, side, x[dof]), r.abs());
-            let error = ratio(of_depth, length).min(ratio(of_force, force));
+            let [force_error, depth_error] = laws::errors(&law, bounds.depth(i, side, x[dof]), r.abs());
+            let error = ratio(depth_error, length).min(ratio(force_error, force));
             parts.complementarity = larger(parts.complementarity, error);
             continue;
         }

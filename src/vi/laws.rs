@@ -6,12 +6,13 @@
 //! where the energy rises at the end of the way, the least energy on the way is taken. From too
 //! large a depth d a lone contact by the law of Hertz approaches its answer by thirds of d, then at
 //! order 1.5 or higher. Where a law is so stiff that the rounding of x moves its reaction, the
-//! reactions follow from the equilibrium of their rows, as those of rigid bounds do.
+//! reactions follow from the equilibrium of their rows, as at rigid bounds.
 
 use super::{Answer, BoundStatus, DenseProblem};
 use crate::communicator::Communicator;
 use crate::contact_law::{ContactLaw, LawNumbers, SidedLaws, Tangent};
 use crate::linalg::Engine;
+use crate::linalg::vectors::{Largest, largest};
 use crate::obstacle::Bounds;
 
 /// Largest number of Newton iterations: a start 1e30 times too deep takes about 60.
@@ -78,19 +79,18 @@ impl YieldingBound {
     pub fn error(&self, value: f64, reaction: f64, magnitude: f64) -> f64 {
         let error = |(sign, law, limit, depth): (f64, &_, f64, f64)| {
             let force = (sign * reaction).max(0.0);
-            let [of_force, of_depth] = errors(law, depth, force);
-            (of_force / magnitude).min(of_depth / (value.abs() + limit.abs()))
+            let [force_error, depth_error] = errors(law, depth, force);
+            (force_error / magnitude).min(depth_error / (value.abs() + limit.abs()))
         };
-        // A NaN is kept, which a maximum would lose.
-        self.sides(value).map(error).fold(0.0, |worst, error| if error <= worst { worst } else { error })
+        largest(self.sides(value).map(error))
     }
 }
 
 /// Returns the errors of a force (N) at a depth (m) beyond a bound, in N, and of the depth under
 /// it, in m.
 pub(super) fn errors(law: &impl ContactLaw, depth: f64, force: f64) -> [f64; 2] {
-    let of_depth = if force > 0.0 { (depth - law.depth(force)).abs() } else { depth.max(0.0) };
-    [(force - law.force(depth)).abs(), of_depth]
+    let depth_error = if force > 0.0 { (depth - law.depth(force)).abs() } else { depth.max(0.0) };
+    [(force - law.force(depth)).abs(), depth_error]
 }
 
 /// Problem with rigid bounds, in which tangents take the place of laws.
@@ -136,8 +136,8 @@ pub(super) fn solve(
     iterations
 }
 
-/// Moves x and reactions back towards those of the iteration before, to the least energy on the
-/// way, where the energy rises too much at its end.
+/// Moves x and reactions back towards the iteration before, to the least energy on the way, where
+/// the energy rises too much at its end.
 fn shorten(
     problem: &impl Linearised,
     yielding: &[YieldingBound],
@@ -146,12 +146,12 @@ fn shorten(
 ) {
     let [first, second] = problem.slopes(from, [x, reaction]);
     let slope = |part: f64| {
-        let of_laws = yielding.iter().map(|bound| {
+        let reactions = yielding.iter().map(|bound| {
             let begin = from[0][bound.entry];
             let way = x[bound.entry] - begin;
             way * bound.reaction(begin + part * way)
         });
-        first + part * second - of_laws.sum::<f64>()
+        first + part * second - reactions.sum::<f64>()
     };
     if let Some(part) = least_on_way(slope) {
         for (values, from) in [(&mut *x, from[0]), (&mut *reaction, from[1])] {
@@ -189,7 +189,7 @@ pub(super) fn yielding<E: Engine>(
     }
     let yielding = candidates.iter().enumerate().filter(|(_, bound)| laws.has(**bound));
     let yielding = yielding.map(|(k, &bound)| (first + k, laws.numbers(bound)));
-    let all = engine.comm().all_gather(&yielding.collect::<Vec<_>>());
+    let gathered = engine.comm().all_gather(&yielding.collect::<Vec<_>>());
     let bound = |(entry, numbers): (usize, LawNumbers)| {
         let bound =
             YieldingBound { entry, limits: [lower[entry], upper[entry]], laws: laws.numbered(numbers) };
@@ -201,7 +201,7 @@ pub(super) fn yielding<E: Engine>(
         }
         bound
     };
-    all.into_iter().map(bound).collect()
+    gathered.into_iter().map(bound).collect()
 }
 
 /// Dense problem with rigid bounds and bounds that yield.
@@ -227,7 +227,7 @@ impl YieldingProblem<'_> {
         }
         let (matrix, rhs) = (rigid.matrix.clone(), rigid.rhs.to_vec());
         let limits = [rigid.lower.to_vec(), rigid.upper.to_vec()];
-        let mut problem = LinearisedDense { of: *self, matrix, rhs, limits, sides };
+        let mut problem = LinearisedDense { original: *self, matrix, rhs, limits, sides };
         let iterations = solve(&mut problem, yielding, answer.x, answer.reaction);
         let LinearisedDense { limits, .. } = problem;
         for bound in yielding {
@@ -246,7 +246,7 @@ impl YieldingProblem<'_> {
 
 /// Dense problem whose matrix, right-hand side and bounds contain the tangents.
 struct LinearisedDense<'a> {
-    of: YieldingProblem<'a>,
+    original: YieldingProblem<'a>,
     matrix: faer::Mat<f64>,
     rhs: Vec<f64>,
     limits: [Vec<f64>; 2],
@@ -255,7 +255,7 @@ struct LinearisedDense<'a> {
 
 impl Linearised for LinearisedDense<'_> {
     fn solve(&mut self, tangents: &[[Tangent; 2]], x: &mut [f64], reaction: &mut [f64]) -> u32 {
-        let YieldingProblem { rigid, yielding } = self.of;
+        let YieldingProblem { rigid, yielding } = self.original;
         for (bound, tangents) in yielding.iter().zip(tangents) {
             let (i, value) = (bound.entry, x[bound.entry]);
             (self.matrix[(i, i)], self.rhs[i]) = (rigid.matrix[(i, i)], rigid.rhs[i]);
@@ -276,11 +276,11 @@ impl Linearised for LinearisedDense<'_> {
         problem.solve(self.sides, &mut Answer { x, reaction })
     }
 
-    /// Sets the reactions of the bounds that yield to those of the equilibrium of their rows, too.
+    /// Sets the reactions of the bounds that yield by the equilibrium of their rows, too.
     fn law_error(&mut self, x: &[f64], reaction: &mut [f64]) -> f64 {
-        let DenseProblem { matrix, rhs, .. } = self.of.rigid;
-        let mut worst = 0.0;
-        for bound in self.of.yielding {
+        let DenseProblem { matrix, rhs, .. } = self.original.rigid;
+        let mut worst = Largest::default();
+        for bound in self.original.yielding {
             let i = bound.entry;
             let is_held = self.limits[0][i] == self.limits[1][i];
             if self.sides[i] != BoundStatus::Free && !is_held {
@@ -293,14 +293,13 @@ impl Linearised for LinearisedDense<'_> {
                 magnitude += (entry * x).abs();
             }
             reaction[i] = force;
-            let error = bound.error(x[i], force, magnitude);
-            worst = if error <= worst { worst } else { error };
+            worst.raise(bound.error(x[i], force, magnitude));
         }
-        worst
+        worst.value()
     }
 
     fn slopes(&self, [from, _]: [&[f64]; 2], [to, _]: [&[f64]; 2]) -> [f64; 2] {
-        let DenseProblem { matrix, rhs, .. } = self.of.rigid;
+        let DenseProblem { matrix, rhs, .. } = self.original.rigid;
         let way: Vec<f64> = to.iter().zip(from).map(|(to, from)| to - from).collect();
         let (mut first, mut second) = (0.0, 0.0);
         for (j, step) in way.iter().enumerate() {

@@ -14,8 +14,8 @@
 //!
 //! # Digits
 //!
-//! Rounding the entries of A costs as many digits as its condition number has, which on fine meshes
-//! are most of those of slow motions. Answers that lose too many are corrected by their residual,
+//! Rounding the entries of A costs as many digits as its condition number has: on fine meshes,
+//! most digits of slow motions. Answers that lose too many are corrected by their residual,
 //! at one solve each, or a scheme feeds their residuals forward, at some passes over vectors. Once
 //! this has taken as long as a factorisation with twice the digits would, the matrix is factored
 //! so. Both together then never take more than twice as long as the quicker one. Rounding the
@@ -43,8 +43,8 @@ pub use registry::ContactSolver;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{add, axpy, aypx};
-use crate::linalg::{Engine, Form, LinearCombination};
+use crate::linalg::vectors::{add, aypx};
+use crate::linalg::{Engine, Form, LinearCombination, multiply_sum};
 use crate::obstacle::Bounds;
 use serde::{Deserialize, Serialize};
 
@@ -204,22 +204,6 @@ fn require_convergence(error: f64, dofs: usize) -> Result<()> {
     Ok(())
 }
 
-/// Computes y = A x.
-fn apply<E: Engine>(
-    engine: &E,
-    matrix: &LinearCombination,
-    x: &[f64],
-    product: &mut [f64],
-    y: &mut [f64],
-) -> Result<()> {
-    y.fill(0.0);
-    for (scale, form) in matrix.terms() {
-        engine.multiply(form, x, product)?;
-        axpy(*scale, product, y);
-    }
-    Ok(())
-}
-
 /// Solver together with the check of its answers.
 pub struct CheckedSolver<E: Engine> {
     solver: Box<dyn Solver<E>>,
@@ -229,7 +213,7 @@ pub struct CheckedSolver<E: Engine> {
     /// Whether the caller feeds residuals forward, so that no answer needs a correction.
     feeds: bool,
     /// Time that corrections and feeding residuals have taken since digits were last added, or
-    /// since the start. The unit is that of feeding the residuals of one step, so that one
+    /// since the start. The unit is the feeding of one step's residuals, so that one
     /// correction takes [`FED_STEPS`].
     spent: u32,
     correction: Correction,
@@ -411,7 +395,7 @@ impl<E: Engine> CheckedSolver<E> {
         let Answer { x, reaction } = answer;
         let Correction { product, residual, uncorrected, bounds, x: increment } = &mut self.correction;
         [&mut *product, residual, increment].into_iter().for_each(|v| v.resize(x.len(), 0.0));
-        apply(engine, problem.matrix, x, product, residual)?;
+        multiply_sum(engine, problem.matrix, x, product, residual)?;
         aypx(-1.0, problem.rhs, residual);
         let is_answer = residual.iter().all(|r| r.is_finite());
         if !engine.comm().all_reduce_all(is_answer) {

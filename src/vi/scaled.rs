@@ -30,7 +30,7 @@ use crate::communicator::Communicator;
 use crate::distributed::Distributed;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, difference, hadamard};
-use crate::linalg::{Engine, Factor, LinearCombination};
+use crate::linalg::{Engine, Factor, LinearCombination, estimate_factor_error};
 use crate::obstacle::Bounds;
 use crate::petsc::{Context, INFINITY, Matrix, Reason, Vector};
 use std::cell::RefCell;
@@ -60,7 +60,7 @@ pub(super) struct Scaled {
     pub right: RefCell<Vector>,
     pub lower: RefCell<Vector>,
     pub upper: RefCell<Vector>,
-    /// Bounds that yield; `None` where those of all ranks are rigid.
+    /// Bounds that yield; `None` where all bounds of all ranks are rigid.
     yielding: RefCell<Option<Yielding>>,
 }
 
@@ -128,12 +128,13 @@ fn evaluate(
     bounds: &[YieldingBound],
     y: &Vector,
     values: &mut Vector,
-    of: impl Fn(&YieldingBound, f64) -> f64,
+    function: impl Fn(&YieldingBound, f64) -> f64,
 ) -> Result<()> {
-    let found: Vec<f64> = y.with_local(|y| bounds.iter().map(|bound| of(bound, y[bound.entry])).collect())?;
+    let entries: Vec<f64> =
+        y.with_local(|y| bounds.iter().map(|bound| function(bound, y[bound.entry])).collect())?;
     values.with_local_mut(|values| {
         values.fill(0.0);
-        bounds.iter().zip(found).for_each(|(bound, found)| values[bound.entry] = found);
+        bounds.iter().zip(entries).for_each(|(bound, entry)| values[bound.entry] = entry);
     })
 }
 
@@ -244,10 +245,11 @@ pub(super) fn set_defaults(context: &Context, prefix: &str, defaults: &[(&str, &
     defaults.iter().try_for_each(|(name, value)| context.default_option(&format!("{prefix}{name}"), value))
 }
 
-/// Product A x and its magnitude |A| |x|, in N, one entry per dof.
-struct MatrixProduct {
-    value: Vec<f64>,
-    magnitude: Vec<f64>,
+/// Returns the product A x, in N, one entry per dof. Collective.
+fn product(engine: &Distributed, matrix: &LinearCombination, x: &[f64]) -> Result<Vec<f64>> {
+    let [mut product, mut magnitude] = [(); 2].map(|()| vec![0.0; x.len()]);
+    engine.multiply_with_magnitude(matrix, x, [&mut product, &mut magnitude])?;
+    Ok(product)
 }
 
 /// Method of PETSc with the state that it starts from and leaves behind.
@@ -284,7 +286,7 @@ impl Bounded {
     ) -> Result<Bounded> {
         let context = engine.context();
         let mut factor = engine.factor(matrix, &[])?;
-        let factor_error = engine.estimate_factor_error(matrix, factor.as_mut())?;
+        let factor_error = estimate_factor_error(engine, matrix, factor.as_mut())?;
         super::require_convergence(factor_error, engine.dofs())?;
         let scale: Vec<f64> = engine.diagonal(matrix)?.iter().map(|a| 1.0 / a.sqrt()).collect();
         let mut scaled = engine.matrix(matrix)?;
@@ -359,11 +361,7 @@ impl Bounded {
         if !safely {
             for (i, &dof) in bounds.dofs.iter().enumerate() {
                 let [below, above] = bounds.rigid(i);
-                match self.sides[i].within(below, above) {
-                    BoundStatus::Free => {}
-                    BoundStatus::Lower => y[dof] = lower[dof],
-                    BoundStatus::Upper => y[dof] = upper[dof],
-                }
+                y[dof] = self.sides[i].within(below, above).value(lower[dof], upper[dof]).unwrap_or(y[dof]);
             }
         }
         let scaled: Vec<f64> = b.iter().zip(&self.scale).map(|(b, d)| b * d / s).collect();
@@ -404,12 +402,12 @@ impl Bounded {
             let laws = laws.map(|law| Some(law?.scaled(unit, self.scale[entry] / s)));
             YieldingBound { entry, limits: [bounds.lower[i] / unit, bounds.upper[i] / unit], laws }
         };
-        let own = (0..bounds.len()).filter(|&i| bounds.laws.has(i)).map(scaled).collect();
+        let scaled = (0..bounds.len()).filter(|&i| bounds.laws.has(i)).map(scaled).collect();
         let values = match self.problem.yielding.take() {
             Some(Yielding { values, .. }) => values,
             None => [self.y.duplicate()?, self.y.duplicate()?],
         };
-        self.problem.yielding.replace(Some(Yielding { bounds: own, values }));
+        self.problem.yielding.replace(Some(Yielding { bounds: scaled, values }));
         if is_new {
             [self.usual, self.safe] = self.family.methods(engine.context(), &self.problem)?;
         }
@@ -422,10 +420,9 @@ impl Bounded {
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let x = &mut *answer.x;
         let size = engine.comm().all_reduce_max(x.iter().fold(0.0, |m, x| x.abs().max(m)));
-        let mut product = MatrixProduct { value: vec![0.0; x.len()], magnitude: vec![0.0; x.len()] };
-        engine.multiply_with_magnitude(matrix, x, [&mut product.value, &mut product.magnitude])?;
+        let forces = product(engine, matrix, x)?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            let force = product.value[dof] - b[dof];
+            let force = forces[dof] - b[dof];
             let near = |bound: f64| (x[dof] - bound).abs() <= ROUNDING * size;
             let [lower, upper] = bounds.rigid(i);
             self.sides[i] = if near(lower) && force > 0.0 {
@@ -437,7 +434,7 @@ impl Bounded {
             };
         }
         self.hold(bounds, size, x);
-        self.update_reactions(engine, problem, answer, &mut product)?;
+        let mut forces = self.update_reactions(engine, problem, answer)?;
         let corrections = super::corrections(self.factor_error);
         let Residual { stationarity, .. } =
             self.check.parts(engine, &Problem { length: 1.0, ..*problem }, &[], answer)?;
@@ -451,12 +448,12 @@ impl Bounded {
         self.factorisations += 1;
         for _ in 0..=corrections {
             // Solve A dx = b + G^T r - A x for the dofs that are not held.
-            let mut correction = difference(b, &product.value);
+            let mut correction = difference(b, &forces);
             held.iter().for_each(|&dof| correction[dof] = 0.0);
             self.factor.solve(&mut correction)?;
             add(&correction, answer.x);
             self.hold(bounds, size, answer.x);
-            self.update_reactions(engine, problem, answer, &mut product)?;
+            forces = self.update_reactions(engine, problem, answer)?;
         }
         self.factor.pin(&[])
     }
@@ -465,36 +462,33 @@ impl Bounded {
     fn hold(&self, bounds: &Bounds, size: f64, x: &mut [f64]) {
         for (i, &dof) in bounds.dofs.iter().enumerate() {
             let [lower, upper] = bounds.rigid(i);
-            x[dof] = match self.sides[i] {
-                BoundStatus::Lower => lower,
-                BoundStatus::Upper => upper,
-                BoundStatus::Free if (lower - x[dof]).max(x[dof] - upper) <= ROUNDING * size => {
+            x[dof] = match self.sides[i].value(lower, upper) {
+                Some(bound) => bound,
+                None if (lower - x[dof]).max(x[dof] - upper) <= ROUNDING * size => {
                     x[dof].max(lower).min(upper)
                 }
-                BoundStatus::Free => x[dof],
+                None => x[dof],
             };
         }
     }
 
-    /// Computes the reactions A x - b where x is held or a bound that yields is loaded, and
-    /// `product` = A x.
+    /// Computes the reactions A x - b where x is held or a bound that yields is loaded. Returns
+    /// A x.
     fn update_reactions(
         &self,
         engine: &Distributed,
         problem: &Problem,
         answer: &mut Answer,
-        product: &mut MatrixProduct,
-    ) -> Result<()> {
+    ) -> Result<Vec<f64>> {
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
-        let MatrixProduct { value, magnitude } = product;
-        engine.multiply_with_magnitude(matrix, x, [value, magnitude])?;
+        let forces = product(engine, matrix, x)?;
         for (i, &dof) in bounds.dofs.iter().enumerate() {
-            let force = value[dof] - b[dof];
+            let force = forces[dof] - b[dof];
             let bears = self.sides[i] != BoundStatus::Free || bounds.reaction(i, x[dof]) * force > 0.0;
             reaction[i] = if bears { force } else { 0.0 };
         }
-        Ok(())
+        Ok(forces)
     }
 
     /// Solves without bounds. Returns whether the solution lies within them.
@@ -571,11 +565,7 @@ impl Solver<Distributed> for Bounded {
                 };
                 let iterations = condensed.solve(engine, problem, answer)?;
                 for (side, r) in self.sides.iter_mut().zip(answer.reaction.iter()) {
-                    *side = match r {
-                        r if *r > 0.0 => BoundStatus::Lower,
-                        r if *r < 0.0 => BoundStatus::Upper,
-                        _ => BoundStatus::Free,
-                    };
+                    *side = BoundStatus::of_sign(-r);
                 }
                 Ok(Some(iterations))
             }

@@ -7,9 +7,6 @@ use std::collections::BTreeSet;
 /// Words that name no local. In a file that speaks of `right`, `left` is a side.
 const VAGUE: [&str; 7] = ["all", "at", "found", "known", "left", "of", "own"];
 
-/// Modules whose locals still have such names.
-const UNREVISED: &[&str] = &["assembly", "distributed", "dof_map", "kernels", "linalg", "vi"];
-
 /// Returns the vague names of locals in a file.
 ///
 /// Fields, functions and the parts of a path may have these names.
@@ -43,10 +40,10 @@ fn vague_names(source: &Source) -> BTreeSet<&'static str> {
 
 #[test]
 fn locals_have_names_that_tell_what_they_are() {
-    let revised = sources().into_iter().filter(|source| !UNREVISED.contains(&source.room()));
     let place = |source: &Source, name| format!("src/{}: {name}", source.path);
-    let vague =
-        revised.flat_map(|source| vague_names(&source).into_iter().map(move |name| place(&source, name)));
+    let vague = sources()
+        .into_iter()
+        .flat_map(|source| vague_names(&source).into_iter().map(move |name| place(&source, name)));
     let vague: Vec<String> = vague.collect();
     assert!(vague.is_empty(), "expected nouns in place of these names of locals:\n{}", vague.join("\n"));
 }

@@ -4,7 +4,7 @@
 use crate::common::models::unit_plate;
 use crate::common::plates::{Alternating, CLAMPED_LEFT, Fvs, Hct, Left, Matrices, Right, all_round, close};
 use rebond::dof_map::Support;
-use rebond::linalg::{Engine, LinearCombination, MOST_SPOILT};
+use rebond::linalg::{Engine, LinearCombination, MOST_SPOILT, estimate_factor_error};
 use rebond::mesh::Mesh;
 
 const PRESSURE: f64 = 14600.0;
@@ -104,7 +104,7 @@ fn a_spoilt_factor_still_finds_the_equilibrium() {
         let plate = Matrices::new(mesh, unit_plate(0.0), CLAMPED_LEFT);
         let matrix = LinearCombination::from(&plate.stiffness);
         let mut factor = plate.engine.rough_factor(&matrix).unwrap().unwrap();
-        let error = plate.engine.estimate_factor_error(&matrix, factor.as_mut()).unwrap();
+        let error = estimate_factor_error(&plate.engine, &matrix, factor.as_mut()).unwrap();
         assert!(error > MOST_SPOILT, "{element:?}: {error:e}");
         let u = plate.statics(1.0);
         let load = rebond::assembly::uniform_load(&plate.cells, u.len(), 1.0);

@@ -1,9 +1,9 @@
 //! Cholesky factorisation in double-double arithmetic, for matrices too ill-conditioned for
 //! doubles.
 //!
-//! The condition number of the factor L is the square root of that of A, so that rounding L at the
-//! end costs half as many digits as rounding A. Rounding A itself, or anything on the way, may take
-//! all stiffness from a slow motion.
+//! The condition number of A is the square of the condition number of its factor L, so that
+//! rounding L at the end costs half as many digits as rounding A. Rounding A itself, or anything on
+//! the way, may take all stiffness from a slow motion.
 //!
 //! The higher and the lower doubles of the entries lie in two arrays, so that whole registers of
 //! each are multiplied.
@@ -22,7 +22,7 @@ pub(super) struct PanelFactorisation<'a> {
     pub patterns: &'a [u32],
     /// Supernode of each position.
     pub owner: &'a [u32],
-    /// Higher doubles of the entries, which become those of L: the entries rounded.
+    /// Higher doubles of the entries, which become the rounded entries of L.
     pub high: &'a mut [f64],
     /// Lower doubles of the entries.
     pub low: &'a mut [f64],
@@ -61,10 +61,10 @@ impl WithSimd for PanelFactorisation<'_> {
                 let start = target.values + (column as usize - target.start) * tall;
                 let sums = products.high.iter().zip(&products.low);
                 for (&row, (more, less)) in pattern[k..].iter().zip(sums) {
-                    let at = start + row_of[row as usize];
-                    let entry = DoubleDouble::sum(high[at], -more);
-                    high[at] = entry.round();
-                    low[at] += entry.rest() - less;
+                    let place = start + row_of[row as usize];
+                    let entry = DoubleDouble::sum(high[place], -more);
+                    high[place] = entry.round();
+                    low[place] += entry.rest() - less;
                 }
             }
         }

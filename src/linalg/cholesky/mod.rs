@@ -28,8 +28,8 @@ use size::Size;
 pub(super) use size::{require, would_fit};
 use supernodes::Supernode;
 
-/// Time of a multiplication with twice the digits, in the factorisation, as a multiple of that of
-/// one in a solve. It is about 2 where the factor fits into the cache.
+/// Time of a multiplication with twice the digits, in the factorisation, in multiplications of a
+/// solve. It is about 2 where the factor fits into the cache.
 const COST_OF_DIGITS: f64 = 1.0;
 
 /// Sparse Cholesky factor `$P A P^T = L L^T$`.
@@ -196,9 +196,9 @@ impl Cholesky {
                 let s = &self.supernodes[owner[first] as usize];
                 let pattern = &self.patterns[s.pattern..][..s.rows];
                 let below = || pattern.iter().position(|&row| row as usize == last).unwrap_or(0);
-                let at = if last < s.end { last - s.start } else { s.end - s.start + below() };
-                let at = s.values + (first - s.start) * (s.end - s.start + s.rows) + at;
-                (self.values[at], low[at]) = (value.round(), value.rest());
+                let row = if last < s.end { last - s.start } else { s.end - s.start + below() };
+                let entry = s.values + (first - s.start) * (s.end - s.start + s.rows) + row;
+                (self.values[entry], low[entry]) = (value.round(), value.rest());
             }
         }
         let Cholesky { supernodes, patterns, values: high, arch, .. } = &mut *self;

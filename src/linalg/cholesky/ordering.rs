@@ -47,11 +47,7 @@ pub(super) fn elimination_order(
 
 /// Returns the parent of each position in the elimination tree (Liu 1990); `usize::MAX` for a root.
 fn elimination_tree(matrix: &SparseColMat<usize, f64>, order: &[usize]) -> Vec<usize> {
-    let dofs = order.len();
-    let mut place = vec![0; dofs];
-    for (new, &old) in order.iter().enumerate() {
-        place[old] = new;
-    }
+    let (dofs, place) = (order.len(), places(order));
     // The off-diagonal entries before each position, one position after the other.
     let mut starts = vec![0; dofs + 1];
     for_each_pair(matrix, &place, |_, later| starts[later + 1] += 1);
@@ -80,6 +76,13 @@ fn elimination_tree(matrix: &SparseColMat<usize, f64>, order: &[usize]) -> Vec<u
         }
     }
     parent
+}
+
+/// Returns the position of each dof in an order.
+pub(super) fn places(order: &[usize]) -> Vec<usize> {
+    let mut places = vec![0; order.len()];
+    order.iter().enumerate().for_each(|(new, &old)| places[old] = new);
+    places
 }
 
 /// Visits the positions (earlier, later) of the off-diagonal entries.
@@ -117,11 +120,7 @@ fn postorder(parent: &[usize]) -> Vec<usize> {
 
 /// Analyses the factor of a matrix in the given elimination order.
 pub(super) fn analyse(matrix: &SparseColMat<usize, f64>, order: &[usize]) -> Result<SymbolicCholesky<usize>> {
-    let dofs = order.len();
-    let mut place = vec![0; dofs];
-    for (new, &old) in order.iter().enumerate() {
-        place[old] = new;
-    }
+    let (dofs, place) = (order.len(), places(order));
     factorize_symbolic_cholesky(
         matrix.symbolic(),
         Side::Lower,

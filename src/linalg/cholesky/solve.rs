@@ -81,8 +81,8 @@ impl Factor for Cholesky {
         }
         for j in (0..size).rev() {
             let column = self.tail.col(j);
-            let known: f64 = (j + 1..size).map(|i| column[i] * h[i]).sum();
-            h[j] = (h[j] - known) / column[j];
+            let sum: f64 = (j + 1..size).map(|i| column[i] * h[i]).sum();
+            h[j] = (h[j] - sum) / column[j];
         }
     }
 
@@ -208,21 +208,21 @@ impl<const FORWARD: bool> Sweep<'_, FORWARD> {
         let whole = columns / 4 * 4;
         for j in (whole..columns).rev() {
             let (head, rest) = work[j..].split_at_mut(1);
-            let mut known = 0.0;
+            let mut sum = 0.0;
             for (y, a) in rest.iter().zip(&values[j * height + j + 1..]) {
-                known += a * y;
+                sum += a * y;
             }
-            head[0] = (head[0] - known) * pivots[j];
+            head[0] = (head[0] - sum) * pivots[j];
         }
         for j in (0..whole).step_by(4).rev() {
             let a = four(values, j, height);
             let (head, rest) = work[j..].split_at_mut(4);
-            let known = dot4(simd, below(a), rest);
-            head[3] = (head[3] - known[3]) * pivots[j + 3];
-            head[2] = (head[2] - known[2] - a[2][3] * head[3]) * pivots[j + 2];
-            head[1] = (head[1] - known[1] - a[1][2] * head[2] - a[1][3] * head[3]) * pivots[j + 1];
+            let sums = dot4(simd, below(a), rest);
+            head[3] = (head[3] - sums[3]) * pivots[j + 3];
+            head[2] = (head[2] - sums[2] - a[2][3] * head[3]) * pivots[j + 2];
+            head[1] = (head[1] - sums[1] - a[1][2] * head[2] - a[1][3] * head[3]) * pivots[j + 1];
             head[0] =
-                (head[0] - known[0] - a[0][1] * head[1] - a[0][2] * head[2] - a[0][3] * head[3]) * pivots[j];
+                (head[0] - sums[0] - a[0][1] * head[1] - a[0][2] * head[2] - a[0][3] * head[3]) * pivots[j];
         }
         self.x[s.start..s.end].copy_from_slice(&work[..width]);
     }

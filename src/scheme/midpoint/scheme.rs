@@ -160,7 +160,7 @@ impl<E: Engine> Solution for Midpoint<'_, E> {
         if record.step == 0 {
             return Ok(rule.mean_rate());
         }
-        if !system.engine.is_singular(&system.mass) {
+        if !system.mass.is_singular() {
             return Ok(now.v.clone());
         }
         let rates = system.data_rates(record.time(), rule.dt, &now.frame_rates)?;

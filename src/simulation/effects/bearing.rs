@@ -80,7 +80,7 @@ fn escape<E: OfCells, P: Partition>(
 ) -> Result<Option<Vector3<f64>>> {
     let engine = &system.engine;
     let (centre, size) = rigid.frame();
-    let motions = rigid.left();
+    let motions = rigid.free();
     let sizes: Vec<f64> = load.iter().map(|f| f.abs()).collect();
     let mut shapes = Vec::new();
     let (mut force, mut total) = (Vector3::zeros(), 0.0_f64);

@@ -34,8 +34,8 @@ impl<P: Partition> BuildContext<'_, P> {
         let mut rigid = Rigid::new(centre, 0.5 * (right + left).hypot(top + bottom));
         self.restraints().for_each(|(_, point, hold)| rigid.hold(point, &hold));
         at_rest.iter().for_each(|&point| rigid.hold_deflection(point));
-        let seen = self.comm().all_reduce_sum_slice(rigid.seen());
-        rigid.see(&seen);
+        let constraints = self.comm().all_reduce_sum_slice(rigid.constraints());
+        rigid.set_constraints(&constraints);
         rigid
     }
 
@@ -76,10 +76,10 @@ impl<P: Partition> BuildContext<'_, P> {
         let mut rigid: Vec<Rigid> =
             frames.map(|(centre, [count, size, _])| Rigid::new(*centre, (size / count).sqrt())).collect();
         self.restraints().for_each(|(node, point, hold)| rigid[part_of[node]].hold(point, &hold));
-        let seen: Vec<f64> = rigid.iter().flat_map(|rigid| rigid.seen().to_vec()).collect();
+        let seen: Vec<f64> = rigid.iter().flat_map(|rigid| rigid.constraints().to_vec()).collect();
         let seen = self.comm().all_reduce_sum_slice(&seen);
         for ((rigid, seen), centre) in rigid.iter_mut().zip(seen.chunks_exact(9)).zip(&centres) {
-            rigid.see(seen);
+            rigid.set_constraints(seen);
             if let Some(motion) = rigid.mechanism() {
                 return Err(Error::Singular(format!(
                     "the part of the mesh around ({}, {}) is not held by itself: {motion}; where mesh.parts is more than 1, each \

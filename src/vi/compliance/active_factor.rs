@@ -33,35 +33,34 @@ impl ActiveFactor {
         self.dofs.iter().map(|(dof, _)| *dof)
     }
 
-    /// Returns whether the block is that of given dofs, ascending, with the compliances of their
+    /// Returns whether the block belongs to given dofs, ascending, with the compliances of their
     /// bounds, in m/N.
     pub fn is_of(&self, wanted: &[(usize, f64)]) -> bool {
-        self.dofs.len() == wanted.len() && self.dofs.iter().all(|of| contains(wanted, of))
+        self.dofs.len() == wanted.len() && self.dofs.iter().all(|dof| contains(wanted, dof))
     }
 
-    /// Makes the factor that of given dofs, ascending, with the compliances of their bounds, in
-    /// m/N. Returns whether the block is positive definite to rounding; if not, the factor is
-    /// empty.
+    /// Changes the factor to given dofs, ascending, with the compliances of their bounds, in m/N.
+    /// Returns whether the block is positive definite to rounding; if not, the factor is empty.
     pub fn follow(&mut self, wanted: &[(usize, f64)], compliance: &Mat<f64>) -> bool {
         widest(
             Arch::new(),
             #[inline(always)]
             || {
-                let stay = self.dofs.iter().filter(|of| contains(wanted, of)).count();
+                let stay = self.dofs.iter().filter(|dof| contains(wanted, dof)).count();
                 let leave = self.dofs.len() - stay;
                 // Each dof that leaves costs about as much as two that join.
                 if 2 * leave >= stay || self.removals > MOST_REMOVALS {
                     self.clear();
                 }
-                for at in (0..self.dofs.len()).rev() {
-                    if !contains(wanted, &self.dofs[at]) {
-                        self.remove(at);
+                for place in (0..self.dofs.len()).rev() {
+                    if !contains(wanted, &self.dofs[place]) {
+                        self.remove(place);
                     }
                 }
-                let mut is_known = vec![false; compliance.ncols()];
-                self.dofs().for_each(|dof| is_known[dof] = true);
-                for of in wanted {
-                    if !is_known[of.0] && !self.append(*of, compliance) {
+                let mut is_factored = vec![false; compliance.ncols()];
+                self.dofs().for_each(|dof| is_factored[dof] = true);
+                for bound in wanted {
+                    if !is_factored[bound.0] && !self.append(*bound, compliance) {
                         self.clear();
                         return false;
                     }
@@ -79,7 +78,7 @@ impl ActiveFactor {
     #[inline(always)]
     fn append(&mut self, (dof, softness): (usize, f64), compliance: &Mat<f64>) -> bool {
         let column = compliance.col_as_slice(dof);
-        let mut row: Vec<f64> = self.dofs().map(|of| column[of]).collect();
+        let mut row: Vec<f64> = self.dofs().map(|dof| column[dof]).collect();
         forward(&self.columns, &mut row);
         let pivot = column[dof] + softness - dot(&row, &row);
         if pivot.is_nan() || pivot <= 0.0 {
@@ -95,23 +94,23 @@ impl ActiveFactor {
 
     /// Removes the dof at a position of the block.
     #[inline(always)]
-    fn remove(&mut self, at: usize) {
-        for (k, column) in self.columns[..at].iter_mut().enumerate() {
-            column.remove(at - k);
+    fn remove(&mut self, place: usize) {
+        for (k, column) in self.columns[..place].iter_mut().enumerate() {
+            column.remove(place - k);
         }
-        let mut column = self.columns.remove(at);
-        self.dofs.remove(at);
+        let mut column = self.columns.remove(place);
+        self.dofs.remove(place);
         self.removals += 1;
         let mut rest = &mut column[1..];
-        for column in &mut self.columns[at..] {
+        for column in &mut self.columns[place..] {
             let size = column.len();
-            let (entries, of) = (&mut column[..size], &mut rest[..size]);
-            let root = (entries[0] * entries[0] + of[0] * of[0]).sqrt();
-            let (cosine, sine) = (entries[0] / root, of[0] / root);
+            let (entries, update) = (&mut column[..size], &mut rest[..size]);
+            let root = (entries[0] * entries[0] + update[0] * update[0]).sqrt();
+            let (cosine, sine) = (entries[0] / root, update[0] / root);
             for k in 0..size {
                 let entry = entries[k];
-                entries[k] = cosine * entry + sine * of[k];
-                of[k] = cosine * of[k] - sine * entry;
+                entries[k] = cosine * entry + sine * update[k];
+                update[k] = cosine * update[k] - sine * entry;
             }
             rest = &mut rest[1..];
         }
@@ -134,8 +133,8 @@ impl ActiveFactor {
 }
 
 /// Returns whether ascending dofs contain one with the same compliance of its bound.
-fn contains(wanted: &[(usize, f64)], of: &(usize, f64)) -> bool {
-    wanted.binary_search_by_key(&of.0, |(dof, _)| *dof).is_ok_and(|at| wanted[at].1 == of.1)
+fn contains(wanted: &[(usize, f64)], (dof, softness): &(usize, f64)) -> bool {
+    wanted.binary_search_by_key(dof, |(dof, _)| *dof).is_ok_and(|place| wanted[place].1 == *softness)
 }
 
 /// Solves with a lower triangle in place, given its columns from their diagonal entries down.
@@ -171,8 +170,8 @@ mod tests {
         for change in 0..3000 {
             let flips = if change % 100 == 0 { size } else { 1 + change % 4 };
             for _ in 0..flips {
-                let at = (random.unit() * size as f64) as usize;
-                is_in[at] = !is_in[at];
+                let dof = (random.unit() * size as f64) as usize;
+                is_in[dof] = !is_in[dof];
             }
             let softness = |i: usize| if i.is_multiple_of(7) { 0.05 * (1 + change % 2) as f64 } else { 0.0 };
             let wanted: Vec<(usize, f64)> =
@@ -180,11 +179,11 @@ mod tests {
             assert!(factor.follow(&wanted, &matrix) && factor.is_of(&wanted));
             let solution: Vec<f64> = factor.dofs().map(|_| random.signed()).collect();
             let product = |(i, softness): (usize, f64)| {
-                let of_others = factor.dofs().zip(&solution).map(|(j, x)| matrix[(i, j)] * x).sum::<f64>();
-                let at = factor.dofs().position(|j| j == i).unwrap();
-                of_others + softness * solution[at]
+                let force = factor.dofs().zip(&solution).map(|(j, x)| matrix[(i, j)] * x).sum::<f64>();
+                let place = factor.dofs().position(|j| j == i).unwrap();
+                force + softness * solution[place]
             };
-            let mut values: Vec<f64> = factor.dofs.iter().map(|of| product(*of)).collect();
+            let mut values: Vec<f64> = factor.dofs.iter().map(|dof| product(*dof)).collect();
             factor.solve(&mut values);
             worst = values.iter().zip(&solution).fold(worst, |worst, (x, y)| worst.max((x - y).abs()));
         }

@@ -14,7 +14,7 @@
 
 use super::{ComplianceProblem, ComplianceSolver};
 use crate::contact_law::{ContactLaw, Laws, Tangent};
-use crate::linalg::vectors::axpy;
+use crate::linalg::vectors::{axpy, largest};
 use crate::vi::laws::{self, Linearised, ROUNDING, YieldingBound};
 use faer::Mat;
 
@@ -58,7 +58,7 @@ impl ComplianceSolver {
         let mut linearised =
             LinearisedCompliance { solver: self, problem, yielding: &yielding, free, limits, solves: 0 };
         self.iterations = laws::solve(&mut linearised, &yielding, x, reaction);
-        let magnitude = largest(reaction);
+        let magnitude = largest(reaction.iter().copied());
         for bound in &yielding {
             let (x, r) = (&mut x[bound.entry], reaction[bound.entry]);
             let side = usize::from(r < 0.0);
@@ -129,10 +129,9 @@ impl Linearised for LinearisedCompliance<'_> {
     }
 
     fn law_error(&mut self, x: &[f64], reaction: &mut [f64]) -> f64 {
-        let magnitude = largest(reaction);
-        let errors =
-            self.yielding.iter().map(|bound| bound.error(x[bound.entry], reaction[bound.entry], magnitude));
-        errors.fold(0.0, |worst, error| if error <= worst { worst } else { error })
+        let magnitude = largest(reaction.iter().copied());
+        let error = |bound: &YieldingBound| bound.error(x[bound.entry], reaction[bound.entry], magnitude);
+        largest(self.yielding.iter().map(error))
     }
 
     /// The reactions are linear along the way, since `$x = y + R r$`; but at the start.
@@ -177,11 +176,6 @@ fn depth_under(law: &impl ContactLaw, depth: f64, c: f64) -> f64 {
         d = next;
     }
     d
-}
-
-/// Returns the largest magnitude of reactions, in N.
-fn largest(reaction: &[f64]) -> f64 {
-    reaction.iter().fold(0.0, |most, r| r.abs().max(most))
 }
 
 #[cfg(test)]

@@ -31,8 +31,8 @@ impl RowTerms<'_> {
     pub fn magnitude(&self, row: usize) -> f64 {
         let RowTerms { x, scale, couplings, terms } = self;
         let RowCoupling { to, magnitude } = couplings[row];
-        let of_terms: f64 = terms.iter().filter_map(|term| term.get(row)).map(|term| term.abs()).sum();
-        scale[row] * (scale[row] * x[row].abs()) + of_terms + magnitude * x[to as usize].abs()
+        let terms: f64 = terms.iter().filter_map(|term| term.get(row)).map(|term| term.abs()).sum();
+        scale[row] * (scale[row] * x[row].abs()) + terms + magnitude * x[to as usize].abs()
     }
 
     /// Subtracts the terms of the right-hand side from the residual, and returns its largest entry
@@ -67,7 +67,7 @@ mod tests {
     use super::*;
     use crate::random::number;
 
-    /// The largest ratio is that of the rows one by one, and a NaN is found wherever it stands.
+    /// Rows one by one have the same largest ratio, and a NaN is found wherever it stands.
     #[test]
     fn rows_are_compared_with_their_magnitudes() {
         let rows = 17;
