@@ -7,7 +7,7 @@ use crate::output::plot::perspective::{self, ColorBy};
 use crate::output::plot::{Figure, Obstacle, forces, run};
 use crate::output::resolved::{obstacles, quantity};
 use crate::output::vtu::{self, Surface};
-use crate::output::{checkpoint, contacts, extremes, history, summary};
+use crate::output::{checkpoint, contacts, extremes, history, if_there, summary};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -62,8 +62,10 @@ impl RunFolder {
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
         let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
-        let snapshots: Vec<(f64, Surface)> =
-            perspective::chosen(&self.snapshots).into_iter().map(read).collect::<Result<_>>()?;
+        let snapshots: Vec<(f64, Surface)> = perspective::spread(&self.snapshots, perspective::MOST)
+            .into_iter()
+            .map(read)
+            .collect::<Result<_>>()?;
         let outline = match snapshots.first() {
             Some((_, surface)) => surface.outline(),
             None => rectangle(scene),
@@ -111,23 +113,18 @@ impl RunFolder {
 /// Reads `summary.json`, and tells what a folder without one is.
 fn read_summary(folder: &Path) -> Result<Value> {
     let path = folder.join(summary::FILE);
-    let text = match fs::read_to_string(&path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound && folder.is_dir() => {
-            let shown = folder.display();
-            let what = if checkpoint::any(folder)? {
-                format!("not there, the run is unfinished: `rebond resume {shown}` goes on with it")
-            } else if folder.join(history::FILE).exists() {
-                "not there, the run is unfinished: `rebond run` makes it anew".to_owned()
-            } else {
-                "not there, the folder holds no run".to_owned()
-            };
-            return Err(Error::io(path)(io::Error::new(io::ErrorKind::NotFound, what)));
-        }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            let what = io::Error::new(io::ErrorKind::NotFound, "there is no such folder");
-            return Err(Error::io(folder)(what));
-        }
-        text => text.map_err(Error::io(&path))?,
+    let Some(text) = if_there(&path, fs::read_to_string(&path))? else {
+        let shown = folder.display();
+        let (absent, what) = if !folder.is_dir() {
+            (folder, "there is no such folder".to_owned())
+        } else if checkpoint::any(folder)? {
+            (&*path, format!("not there, the run is unfinished: `rebond resume {shown}` goes on with it"))
+        } else if folder.join(history::FILE).exists() {
+            (&*path, "not there, the run is unfinished: `rebond run` makes it anew".to_owned())
+        } else {
+            (&*path, "not there, the folder holds no run".to_owned())
+        };
+        return Err(Error::io(absent)(io::Error::new(io::ErrorKind::NotFound, what)));
     };
     let summary: Value =
         serde_json::from_str(&text).map_err(|why| Error::invalid(&path, format!("damaged: {why}")))?;

@@ -208,6 +208,5 @@ fn edges(mut values: Vec<f64>) -> Vec<(f64, [f64; 2])> {
 
 /// Returns the colour of a share from 0, pale yellow, to 1, dark blue.
 fn shade(share: f64) -> Color {
-    let mix = |from: f64, to: f64| (from + share.clamp(0.0, 1.0) * (to - from)).round() as u8;
-    Color(mix(255.0, 8.0), mix(247.0, 48.0), mix(188.0, 107.0))
+    Color(255, 247, 188).towards(Color(8, 48, 107), share)
 }

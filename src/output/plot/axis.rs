@@ -30,9 +30,7 @@ pub struct Axis {
     per: f64,
     /// Margin at both ends, relative to the range.
     pad: f64,
-    /// Whether ticks are at whole numbers only.
-    is_whole: bool,
-    /// Names of the values 1, 2, ..., if they have any.
+    /// Names of the values 1, 2, ..., if they have any; ticks are then at whole numbers only.
     names: Vec<String>,
     /// Magnitude that chooses the SI prefix, where it is not that of the axis itself.
     magnitude: Option<f64>,
@@ -66,14 +64,9 @@ impl Axis {
         Axis { pad: 0.0, ..self }
     }
 
-    /// Restricts ticks to whole numbers.
-    pub fn whole(self) -> Axis {
-        Axis { is_whole: true, ..self }
-    }
-
     /// Labels the values 1, 2, ... by names.
     pub fn named(self, names: impl IntoIterator<Item = String>) -> Axis {
-        Axis { names: names.into_iter().collect(), ..self.whole() }
+        Axis { names: names.into_iter().collect(), ..self }
     }
 
     /// Counts the axis in multiples of `unit` of the data.
@@ -127,7 +120,7 @@ impl Axis {
                 step = round_step(0.4 * step);
             }
         }
-        if self.is_whole {
+        if !self.names.is_empty() {
             step = step.max(1.0 / unit);
         }
         let decimals = (-step.log10() - slack).ceil().max(0.0) as usize;

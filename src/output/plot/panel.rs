@@ -96,12 +96,6 @@ impl Curve {
         self
     }
 
-    /// Makes the markers hollow.
-    pub fn open(mut self) -> Curve {
-        self.is_open = true;
-        self
-    }
-
     /// Multiplies the width of the markers.
     pub fn size(mut self, times: f64) -> Curve {
         self.size = times;
@@ -205,9 +199,8 @@ pub struct Panel {
     pub(super) band: Option<String>,
     pub(super) bars: Vec<Bar>,
     pub(super) ramp: Option<Ramp>,
-    pub(super) rules: Vec<([Option<f64>; 2], String)>,
+    pub(super) rules: Vec<(f64, String)>,
     pub(super) slopes: Vec<(f64, [f64; 2])>,
-    pub(super) labels: Vec<([f64; 2], String)>,
     pub(super) drawing: Option<Drawing>,
 }
 
@@ -275,25 +268,13 @@ impl Panel {
 
     /// Adds a thin vertical line with a remark at its upper end.
     pub fn rule_at_x(mut self, x: f64, remark: impl Into<String>) -> Panel {
-        self.rules.push(([Some(x), None], remark.into()));
-        self
-    }
-
-    /// Adds a thin horizontal line with a remark at its right end.
-    pub fn rule_at_y(mut self, y: f64, remark: impl Into<String>) -> Panel {
-        self.rules.push(([None, Some(y)], remark.into()));
+        self.rules.push((x, remark.into()));
         self
     }
 
     /// Adds the line y ~ x^order through a point on logarithmic axes, labelled with its order.
     pub fn slope(mut self, order: f64, through: [f64; 2]) -> Panel {
         self.slopes.push((order, through));
-        self
-    }
-
-    /// Adds a remark to the right of a point.
-    pub fn remark(mut self, place: [f64; 2], text: impl Into<String>) -> Panel {
-        self.labels.push((place, text.into()));
         self
     }
 

@@ -10,7 +10,7 @@ use crate::output::text::significant;
 use crate::output::vtu::{Surface, held_points};
 
 /// Largest number of snapshots in a figure.
-const MOST: usize = 6;
+pub const MOST: usize = 6;
 /// Viewing direction: rotation about the vertical and elevation, in radians.
 const TURN: f64 = -0.60;
 const RISE: f64 = 0.42;
@@ -36,12 +36,7 @@ const TALLEST: f64 = 10.0 / 9.0;
 
 type Space = [f64; 3];
 
-/// Returns evenly chosen entries, including the first and the last.
-pub fn chosen<T>(items: &[T]) -> Vec<&T> {
-    spread(items, MOST)
-}
-
-/// Returns at most `most` entries like [`chosen`].
+/// Returns at most `most` evenly chosen entries, including the first and the last.
 pub fn spread<T>(items: &[T], most: usize) -> Vec<&T> {
     let count = items.len().min(most);
     (0..count).map(|i| &items[if count > 1 { i * (items.len() - 1) / (count - 1) } else { 0 }]).collect()

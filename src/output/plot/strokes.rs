@@ -77,20 +77,10 @@ impl Panel {
                     paper.rectangle(a, [b[0].max(a[0] + 0.4), b[1].max(a[1] + 0.3)], bar.color);
                 }
             }
-            for (place, remark) in &self.rules {
-                match place {
-                    [Some(x), _] => {
-                        let Some(x) = at_x(*x).filter(within(left, right)) else { continue };
-                        paper.line([x, top], [x, bottom], RULE);
-                        draw_beside(paper, remark, [x, top + 0.7 * REMARK.line()], 2.0, right);
-                    }
-                    [_, Some(y)] => {
-                        let Some(y) = at_y(*y).filter(within(top, bottom)) else { continue };
-                        paper.line([left, y], [right, y], RULE);
-                        paper.text(remark, [right - 4.0, y - 0.55 * REMARK.line()], REMARK, Anchor::End);
-                    }
-                    [None, None] => {}
-                }
+            for (x, remark) in &self.rules {
+                let Some(x) = at_x(*x).filter(within(left, right)) else { continue };
+                paper.line([x, top], [x, bottom], RULE);
+                draw_beside(paper, remark, [x, top + 0.7 * REMARK.line()], right);
             }
             for &(order, [x0, y0]) in &self.slopes {
                 let line = |x: f64| drawn([x, y0 * (x / x0).powf(order)]);
@@ -121,10 +111,6 @@ impl Panel {
             let is_inside = |point: &At| within(left, right)(&point[0]) && within(top, bottom)(&point[1]);
             let places = curve.points.iter().filter_map(|&point| drawn(point)).filter(is_inside);
             draw_markers(paper, &places.collect::<Vec<_>>(), marker, curve);
-        }
-        for (place, text) in &self.labels {
-            let Some([x, y]) = drawn(*place).filter(|point| within(left, right)(&point[0])) else { continue };
-            draw_beside(paper, text, [x, y - 0.5 * REMARK.line()], 3.0, right);
         }
         if self.bars.is_empty() && strokes.iter().all(|stroke| stroke.lines.is_empty()) {
             paper.text("no data", [0.5 * (left + right), 0.5 * (top + bottom)], LABEL, Anchor::Middle);
@@ -192,11 +178,10 @@ pub(super) fn draw_solid(paper: &mut Canvas, [left, y]: At, [right, end]: At, de
     }
 }
 
-/// Draws a remark at a distance to the right of a place, or to its left where it would go beyond
-/// `right`.
-fn draw_beside(paper: &mut Canvas, remark: &str, [x, y]: At, apart: f64, right: f64) {
-    let is_late = x + REMARK.width(remark) + apart + 1.0 > right;
-    let (x, anchor) = if is_late { (x - apart, Anchor::End) } else { (x + apart, Anchor::Start) };
+/// Draws a remark to the right of a place, or to its left where it would go beyond `right`.
+fn draw_beside(paper: &mut Canvas, remark: &str, [x, y]: At, right: f64) {
+    let is_late = x + REMARK.width(remark) + 3.0 > right;
+    let (x, anchor) = if is_late { (x - 2.0, Anchor::End) } else { (x + 2.0, Anchor::Start) };
     paper.text(remark, [x, y], REMARK, anchor);
 }
 

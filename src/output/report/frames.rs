@@ -3,7 +3,7 @@
 use super::blob::PageData;
 use crate::error::{Error, Result};
 use crate::geometry::range;
-use crate::output::plot::coarse;
+use crate::output::plot::{coarse, perspective};
 use crate::output::vtu::{self, Surface};
 use serde_json::{Value, json};
 use std::collections::{BTreeMap, HashMap};
@@ -47,11 +47,10 @@ impl Frames {
         let shown = ShownPoints::of(&first);
         let fields = if first.von_mises.is_empty() { 1 } else { 2 };
         let most = MOST_VALUES / (fields * shown.points.len().max(1));
-        let most = most.clamp(LEAST_FRAMES, MOST_FRAMES).min(index.len());
+        let most = most.clamp(LEAST_FRAMES, MOST_FRAMES);
         let (snapshots, points_of_snapshot) = (index.len(), first.points.len());
         let mut frames = Frames { snapshots, points_of_snapshot, shown, ..Frames::default() };
-        for i in 0..most {
-            let (time, path) = &index[if most > 1 { i * (index.len() - 1) / (most - 1) } else { 0 }];
+        for (time, path) in perspective::spread(index, most) {
             let surface = vtu::read(path)?;
             let same = |a: &[f64], b: &[f64]| a.is_empty() == b.is_empty();
             if surface.points != first.points || !same(&surface.von_mises, &first.von_mises) {

@@ -2,6 +2,7 @@
 
 use super::contents::ReportContents;
 use crate::output::contacts::Contact;
+use crate::output::plot;
 use crate::output::text::{grouped, significant};
 use crate::scene::unit;
 use serde_json::Value;
@@ -32,17 +33,7 @@ const PARTS: [(&str, &str); 18] = [
 
 /// Escapes a text for HTML and its attributes.
 pub(super) fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => safe += "&amp;",
-            '<' => safe += "&lt;",
-            '>' => safe += "&gt;",
-            '"' => safe += "&quot;",
-            c => safe.push(c),
-        }
-    }
-    safe
+    plot::escaped(text).replace('"', "&quot;")
 }
 
 /// Returns a section of the page with its heading, which has the name `h-` and the section's.
