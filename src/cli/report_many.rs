@@ -59,7 +59,7 @@ pub(super) fn of_sweep(folder: &Path) -> Result<()> {
             scene: &sweep.scene,
             remarks: &remarks,
             pictures: &pictures,
-            tables: &[RunTable::of_csv(&heading, &sweep.csv(), is_shown)],
+            tables: &[RunTable::new(&heading, &sweep.lines(), is_shown)],
         },
     )
 }
@@ -79,7 +79,9 @@ pub(super) fn of_study(folder: &Path) -> Result<()> {
     let csv = folder.join("study.csv");
     let csv = fs::read_to_string(&csv).map_err(Error::io(&csv))?;
     let is_shown = |head: &str| STUDY_COLUMNS.contains(&head);
-    let mut tables = vec![RunTable::of_csv("Runs (study.csv has more columns)", &csv, is_shown)];
+    let lines: Vec<Vec<String>> =
+        csv.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect();
+    let mut tables = vec![RunTable::new("Runs (study.csv has more columns)", &lines, is_shown)];
     let failures = study["failures"].as_array().map_or(0, Vec::len);
     let mut remarks = vec![format!("{} runs, {failures} failed.", tables[0].rows.len())];
     if study["resolved"].is_null() {

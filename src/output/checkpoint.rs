@@ -46,8 +46,10 @@ pub struct Checkpoint {
 /// Identity of a scene: its hash, and the checksum of its mesh file, if it has one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
-    scene: String,
-    mesh: Option<u32>,
+    /// Hash of the scene; see [`Scene::hash`].
+    pub scene: String,
+    /// Checksum (CRC-32) of the scene's mesh file, if it has one.
+    pub mesh: Option<u32>,
 }
 
 impl Identity {
@@ -66,16 +68,6 @@ impl Identity {
     pub(super) fn of_summary(summary: &serde_json::Value) -> Option<Identity> {
         let scene = summary["scene_hash"].as_str()?.to_owned();
         Some(Identity { scene, mesh: summary["mesh_checksum"].as_u64().map(|sum| sum as u32) })
-    }
-
-    /// Returns the hash of the scene; see [`Scene::hash`].
-    pub fn scene(&self) -> &str {
-        &self.scene
-    }
-
-    /// Returns the checksum (CRC-32) of the scene's mesh file, if it has one.
-    pub fn mesh_checksum(&self) -> Option<u32> {
-        self.mesh
     }
 }
 
@@ -181,13 +173,8 @@ pub fn clear(folder: &Path) -> Result<()> {
     list(folder)?.iter().try_for_each(|(_, path)| remove(path))
 }
 
-/// Returns whether a file name is that of a checkpoint.
-pub(super) fn is_one(name: &str) -> bool {
-    step_of(name).is_some()
-}
-
-/// Returns the step in the file name of a checkpoint.
-fn step_of(name: &str) -> Option<u64> {
+/// Returns the step in the file name of a checkpoint; `None` for another file.
+pub(super) fn step_of(name: &str) -> Option<u64> {
     name.strip_prefix("checkpoint-")?.strip_suffix(".bin")?.parse().ok()
 }
 

@@ -166,7 +166,7 @@ fn taken(folder: &Path, file: &mut File) -> Error {
 /// Returns [`Error::Usage`] with the remedy, or [`Error::Io`] where the folder cannot be read.
 pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwrite: bool) -> Result<()> {
     refuse_running(folder)?;
-    let is_own = |name: &str| name == LOCK || RESULTS.contains(&name) || checkpoint::is_one(name);
+    let is_own = |name: &str| name == LOCK || RESULTS.contains(&name) || checkpoint::step_of(name).is_some();
     refuse_foreign(folder, "run", "--out", is_own)?;
     if overwrite {
         return Ok(());

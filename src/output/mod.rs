@@ -11,6 +11,7 @@
 //! - [`vtu`] for `fields.pvd` and its snapshots,
 //! - [`summary`] for `summary.json`, and [`resolved`] for the scene in it,
 //! - [`run_files`] for the observer that writes all of these,
+//! - `run_folder` for the reader of a finished run,
 //! - [`plot`] for `plots/*.svg` and `.png`,
 //! - [`report`] for `report.html`,
 //! - [`matrix_market`] for `*.mtx`,
@@ -30,6 +31,7 @@ pub mod reactions;
 pub mod report;
 pub mod resolved;
 pub mod run_files;
+pub(crate) mod run_folder;
 pub mod summary;
 pub mod text;
 pub mod vtu;

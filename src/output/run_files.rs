@@ -113,7 +113,7 @@ impl<'s> RunSummary<'s> {
             version: env!("CARGO_PKG_VERSION"),
             status,
             scene_hash: scene.hash(),
-            mesh_checksum: identity.mesh_checksum(),
+            mesh_checksum: identity.mesh,
             effects: scene.effects(),
             warnings,
             opposite: simulation::opposite(scene).unwrap_or_default(),

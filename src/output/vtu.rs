@@ -248,24 +248,23 @@ pub struct Surface {
     pub von_mises: Vec<f64>,
 }
 
-impl Surface {
-    /// Returns the sides of the cells that belong to one small cell only, ordered by their first
-    /// points.
-    pub fn boundary(&self, cells: &[&Vec<usize>]) -> Vec<[usize; 2]> {
-        let mut sides: BTreeMap<[usize; 2], usize> = BTreeMap::new();
-        for face in cells {
-            for (i, &a) in face.iter().enumerate() {
-                let b = face[(i + 1) % face.len()];
-                *sides.entry([a.min(b), a.max(b)]).or_default() += 1;
-            }
+/// Returns the sides of some cells, given by the numbers of their corners, that belong to one of
+/// the cells only, ordered by their first corners.
+pub fn boundary<'c, N: Copy + Ord + 'c>(cells: impl IntoIterator<Item = &'c Vec<N>>) -> Vec<[N; 2]> {
+    let mut sides: BTreeMap<[N; 2], usize> = BTreeMap::new();
+    for face in cells {
+        for (i, &a) in face.iter().enumerate() {
+            let b = face[(i + 1) % face.len()];
+            *sides.entry([a.min(b), a.max(b)]).or_default() += 1;
         }
-        sides.into_iter().filter(|(_, cells)| *cells == 1).map(|(side, _)| side).collect()
     }
+    sides.into_iter().filter(|(_, cells)| *cells == 1).map(|(side, _)| side).collect()
+}
 
+impl Surface {
     /// Returns the boundary of the plate as pairs of points, in m.
     pub fn outline(&self) -> Vec<[[f64; 2]; 2]> {
-        let sides = self.boundary(&self.cells.iter().collect::<Vec<_>>());
-        sides.into_iter().map(|side| side.map(|point| self.points[point])).collect()
+        boundary(&self.cells).into_iter().map(|side| side.map(|point| self.points[point])).collect()
     }
 }
 

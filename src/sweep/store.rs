@@ -99,7 +99,8 @@ impl SweepStore {
     fn read_states(&mut self) -> Result<()> {
         for (group, path) in self.state_paths() {
             let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
-            let saved: (SweepRowBytes, CarriedState) = archive::from_bytes(&bytes)?;
+            // The row is JSON, which keeps its optional entries.
+            let saved: (Vec<u8>, CarriedState) = archive::from_bytes(&bytes)?;
             if let Ok(row) = serde_json::from_slice::<SweepRow>(&saved.0) {
                 self.states.insert(group, saved.1);
                 if self.known.insert(row.index, row.clone()).is_none() {
@@ -180,9 +181,6 @@ fn rows_of(text: &str) -> Option<(String, Vec<SweepRow>)> {
 fn paths_between(folder: &Path, before: &str, after: &str) -> Vec<(usize, PathBuf)> {
     input::files_of(folder, |name| name.strip_prefix(before)?.strip_suffix(after)?.parse().ok())
 }
-
-/// Row as JSON, which keeps its optional entries.
-type SweepRowBytes = Vec<u8>;
 
 fn line(row: &SweepRow) -> String {
     serde_json::to_string(row).unwrap_or_default() + "\n"

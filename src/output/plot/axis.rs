@@ -1,6 +1,7 @@
 //! Axes with their ranges, ticks and units.
 
 use crate::geometry::range;
+use crate::output::text;
 
 /// Largest magnitude that counts as finite; its inverse is the smallest range that counts.
 const GREATEST: f64 = 1e100;
@@ -207,13 +208,9 @@ pub(super) fn unit(symbol: &str, magnitude: f64) -> (String, f64) {
     (prefixed(symbol, exponent), 10f64.powi(exponent))
 }
 
-/// Formats two significant digits.
+/// Formats two significant digits for a picture.
 pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let digit = 10f64.powf(value.abs().log10().floor() - 1.0);
-    crate::output::text::significant((value / digit).round() * digit).replace('-', "\u{2212}")
+    text::short(value).replace('-', "\u{2212}")
 }
 
 /// Axis with fixed ends and ticks.
@@ -283,13 +280,8 @@ fn times_power_of_ten(digit: i32, exponent: i32) -> String {
 }
 
 fn power_of_ten(exponent: i32) -> String {
-    let superscript = |c| match c {
-        '-' => '⁻',
-        '1' => '¹',
-        '2' => '²',
-        '3' => '³',
-        digit => char::from_u32('⁰' as u32 + digit as u32 - '0' as u32).unwrap_or(digit),
-    };
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let superscript = |c: char| c.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize]);
     match exponent {
         0 => "1".to_owned(),
         1 => "10".to_owned(),

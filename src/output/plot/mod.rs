@@ -34,7 +34,7 @@ use std::path::Path;
 
 pub use axis::{Axis, short};
 pub use layout::Figure;
-pub use panel::{Bar, Curve, Marker, Obstacle, Panel, Ramp};
+pub use panel::{Bar, Curve, Obstacle, Panel, Ramp};
 pub(in crate::output) use paper::escaped;
 pub use paper::{Color, Pen};
 

@@ -15,19 +15,25 @@ const COLORS: [Color; 7] = [
 ];
 /// Dash patterns, distinct without colours.
 const DASHES: [&[f64]; 5] = [&[], &[4.0, 2.0], &[5.0, 1.6, 1.0, 1.6], &[8.0, 2.2], &[1.0, 1.4]];
-const MARKERS: [Marker; 6] =
-    [Marker::Circle, Marker::Square, Marker::Triangle, Marker::Diamond, Marker::Cross, Marker::Plus];
+/// Circle, square, triangle, diamond, cross and plus.
+const MARKERS: [Marker; 6] = [
+    Marker::Circle,
+    Marker::Body(&[[-0.88, -0.88], [0.88, -0.88], [0.88, 0.88], [-0.88, 0.88]]),
+    Marker::Body(&[[0.0, -1.2], [1.1, 0.8], [-1.1, 0.8]]),
+    Marker::Body(&[[0.0, -1.25], [1.25, 0.0], [0.0, 1.25], [-1.25, 0.0]]),
+    Marker::Lines([[1.0, 1.0], [1.0, -1.0]]),
+    Marker::Lines([[1.3, 0.0], [0.0, 1.3]]),
+];
 
-/// Symbol at each point of a curve.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub enum Marker {
+/// Symbol at each point of a curve, for a circle of radius 1.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Marker {
+    /// Circle.
     Circle,
-    Square,
-    Triangle,
-    Diamond,
-    Cross,
-    Plus,
+    /// Closed shape with these corners.
+    Body(&'static [[f64; 2]]),
+    /// Lines through the point, each to this end and as far beyond.
+    Lines([[f64; 2]; 2]),
 }
 
 /// A curve, a set of marks, or both.

@@ -268,7 +268,8 @@ pub(super) fn encoder(bytes: &mut Vec<u8>, [width, height]: [u32; 2]) -> Encoder
     encoder
 }
 
-/// Renders an SVG of [`Canvas`] at `scale` times its size in pixels. Returns width and height and three bytes per pixel, row by row.
+/// Renders an SVG of [`Canvas`] at `scale` times its size in pixels. Returns width and height and
+/// three bytes per pixel, row by row.
 pub(super) fn rgb(svg: &str, scale: f32, path: &Path) -> Result<([u32; 2], Vec<u8>)> {
     let options =
         Options { fontdb: FONT_DATABASE.clone(), font_family: "DejaVu Sans".into(), ..Options::default() };

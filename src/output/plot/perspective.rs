@@ -7,7 +7,7 @@ use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp};
 use crate::geometry::range;
 use crate::output::text::significant;
-use crate::output::vtu::{Surface, held_points};
+use crate::output::vtu::{Surface, boundary, held_points};
 
 /// Largest number of snapshots in a figure.
 pub const MOST: usize = 6;
@@ -175,8 +175,8 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
 fn held(snapshots: &[(f64, Surface)]) -> Vec<[[f64; 2]; 2]> {
     let Some((_, first)) = snapshots.first() else { return Vec::new() };
     let held = held_points(snapshots.iter().map(|(_, surface)| &*surface.deflection));
-    let border = first.boundary(&first.cells.iter().collect::<Vec<_>>()).into_iter();
-    border
+    boundary(&first.cells)
+        .into_iter()
         .filter(|side| side.iter().all(|&point| held[point]))
         .map(|[a, b]| {
             let [a, b] = [first.points[a], first.points[b]];
@@ -223,7 +223,7 @@ impl Wall {
         let stops = (0..heights.len()).filter(|point| is_wall(point) && !is_met[*point]);
         Wall {
             stops: stops.map(place).collect(),
-            edges: surface.boundary(&faces).into_iter().map(|side| side.map(place)).collect(),
+            edges: boundary(faces.iter().copied()).into_iter().map(|side| side.map(place)).collect(),
             faces: faces.into_iter().map(|face| face.iter().map(|&point| place(point)).collect()).collect(),
         }
     }

@@ -202,31 +202,21 @@ pub(super) fn draw_markers(paper: &mut Canvas, places: &[At], marker: Marker, cu
     let pen = Pen::solid(curve.pen.color, 0.8);
     let fill = if curve.is_open { Color::WHITE } else { curve.pen.color };
     let r = MARKER * curve.size;
-    if marker == Marker::Circle && !curve.is_open {
+    if matches!(marker, Marker::Circle) && !curve.is_open {
         return paper.discs(places, r + 0.5 * pen.width, fill);
     }
     for &[x, y] in places {
-        let shape = |points: &[At]| points.iter().map(|[a, b]| [x + r * a, y + r * b]).collect::<Vec<At>>();
-        let line = |[a, b]: At| [[x - r * a, y - r * b], [x + r * a, y + r * b]];
-        let body: &[At] = match marker {
-            Marker::Circle => {
-                paper.circle([x, y], r, fill, Some(pen));
-                continue;
+        let shifted = |[a, b]: At, r: f64| [x + r * a, y + r * b];
+        match marker {
+            Marker::Circle => paper.circle([x, y], r, fill, Some(pen)),
+            Marker::Body(corners) => {
+                let corners: Vec<At> = corners.iter().map(|&corner| shifted(corner, r)).collect();
+                paper.polygon(&corners, fill, Some(pen));
             }
-            Marker::Cross | Marker::Plus => {
-                let ends = if marker == Marker::Cross {
-                    [[1.0, 1.0], [1.0, -1.0]]
-                } else {
-                    [[1.3, 0.0], [0.0, 1.3]]
-                };
-                ends.map(line).into_iter().for_each(|[from, to]| paper.line(from, to, pen));
-                continue;
+            Marker::Lines(ends) => {
+                ends.iter().for_each(|&end| paper.line(shifted(end, -r), shifted(end, r), pen));
             }
-            Marker::Square => &[[-0.88, -0.88], [0.88, -0.88], [0.88, 0.88], [-0.88, 0.88]],
-            Marker::Triangle => &[[0.0, -1.2], [1.1, 0.8], [-1.1, 0.8]],
-            Marker::Diamond => &[[0.0, -1.25], [1.25, 0.0], [0.0, 1.25], [-1.25, 0.0]],
-        };
-        paper.polygon(&shape(body), fill, Some(pen));
+        }
     }
 }
 

@@ -1,13 +1,13 @@
 //! Folder of a finished run, read for pictures and for the report.
 
+use super::contacts::Contact;
+use super::history::Table;
+use super::plot::perspective::{self, ColorBy};
+use super::plot::{Figure, Obstacle, forces, run};
+use super::resolved::{obstacles, quantity};
+use super::vtu::{self, Surface};
+use super::{checkpoint, contacts, extremes, history, if_there, summary};
 use crate::error::{Error, Result};
-use crate::output::contacts::Contact;
-use crate::output::history::Table;
-use crate::output::plot::perspective::{self, ColorBy};
-use crate::output::plot::{Figure, Obstacle, forces, run};
-use crate::output::resolved::{obstacles, quantity};
-use crate::output::vtu::{self, Surface};
-use crate::output::{checkpoint, contacts, extremes, history, if_there, summary};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,7 +15,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Files of a run.
-pub(super) struct RunFolder {
+pub(crate) struct RunFolder {
     pub folder: PathBuf,
     pub summary: Value,
     pub table: Table,
@@ -28,10 +28,7 @@ pub(super) struct RunFolder {
 }
 
 /// Pictures of a run by name, and remarks on those that it lacks.
-pub(super) struct RunPictures {
-    pub figures: Vec<(&'static str, Figure)>,
-    pub absent: Vec<&'static str>,
-}
+type RunPictures = (Vec<(&'static str, Figure)>, Vec<&'static str>);
 
 impl RunFolder {
     /// Reads the files of a folder, except the snapshots themselves.
@@ -56,16 +53,18 @@ impl RunFolder {
         obstacles(&self.summary["scene"], &self.opposite)
     }
 
+    /// Reads at most `most` snapshots, with their times in s.
+    pub fn surfaces(&self, most: usize) -> Result<Vec<(f64, Surface)>> {
+        let chosen = perspective::spread(&self.snapshots, most).into_iter();
+        chosen.map(|(time, path)| Ok((*time, vtu::read(path)?))).collect()
+    }
+
     /// Draws all pictures.
     pub fn pictures(&self) -> Result<RunPictures> {
         let RunFolder { folder, summary, table, contacts, opposite, .. } = self;
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
-        let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
-        let snapshots: Vec<(f64, Surface)> = perspective::spread(&self.snapshots, perspective::MOST)
-            .into_iter()
-            .map(read)
-            .collect::<Result<_>>()?;
+        let snapshots = self.surfaces(perspective::MOST)?;
         let outline = match snapshots.first() {
             Some((_, surface)) => surface.outline(),
             None => rectangle(scene),
@@ -106,7 +105,7 @@ impl RunFolder {
                 perspective::colored(vec![(0.0, vtu::read(&path)?)], title, ColorBy::Envelope),
             ));
         }
-        Ok(RunPictures { figures, absent })
+        Ok((figures, absent))
     }
 }
 
