@@ -2,11 +2,10 @@
 
 use super::command::{Execute, Program};
 use super::printing::print;
-use super::run_folder::RunFolder;
 use crate::error::{Error, Result};
 use crate::output::plot::{self, animation, perspective};
+use crate::output::run_folder::RunFolder;
 use crate::output::text::grouped;
-use crate::output::vtu;
 use clap::Args;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -49,11 +48,8 @@ impl Execute for Animate {
             let wrong = format!("{shown} has {count} snapshots; expected a run with output.fields_every");
             return Err(Error::Usage(wrong));
         }
-        let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
-        let snapshots = perspective::spread(&run.snapshots, self.frames as usize);
-        let snapshots: Vec<_> = snapshots.into_iter().map(read).collect::<Result<_>>()?;
         let title = run.summary["scene"]["title"].as_str().unwrap_or_default();
-        let figures = perspective::frames(snapshots, title);
+        let figures = perspective::frames(run.surfaces(self.frames as usize)?, title);
         let name = || self.folder.join(plot::FOLDER).join(animation::NAME).with_extension("png");
         let path = self.out.clone().unwrap_or_else(name);
         if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {

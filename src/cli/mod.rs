@@ -21,7 +21,6 @@ mod report_many;
 mod report_page;
 mod resume;
 mod run;
-mod run_folder;
 mod set_up;
 mod shell;
 mod signal;

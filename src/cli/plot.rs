@@ -2,12 +2,12 @@
 
 use super::command::{Execute, Program};
 use super::printing::print;
-use super::run_folder::{RunFolder, RunPictures};
 use crate::error::Result;
 use crate::output::plot::{self, Figure};
+use crate::output::run_folder::RunFolder;
 use crate::sweep::{self, SweepReport};
 use clap::Args;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 const EXAMPLES: &str = "\
 Examples:
@@ -25,26 +25,13 @@ pub(super) struct Plot {
 
 impl Execute for Plot {
     fn execute(&self, _: Program) -> Result<()> {
-        if self.folder.join(sweep::JSON).is_file() {
-            return draw_sweep(&self.folder);
-        }
-        let run = RunFolder::read(&self.folder)?;
-        let RunPictures { figures, absent } = run.pictures()?;
-        let placed = |(name, figure)| (run.folder.join(plot::FOLDER).join(name), figure);
-        let figures: Vec<(PathBuf, Figure)> = figures.into_iter().map(placed).collect();
-        Figure::write_all(&figures)?;
-        let line = |(path, _): &(PathBuf, Figure)| format!("{}.svg, .png\n", path.display());
-        let mut report: String = figures.iter().map(line).collect();
-        for what in absent {
-            report += &format!("{what}\n");
-        }
+        let (figures, absent) = if self.folder.join(sweep::JSON).is_file() {
+            (sweep::figures(&SweepReport::read(&self.folder)?), Vec::new())
+        } else {
+            RunFolder::read(&self.folder)?.pictures()?
+        };
+        let mut report = Figure::write_all(&self.folder.join(plot::FOLDER), &figures)?;
+        report.extend(absent.iter().map(|what| format!("{what}\n")));
         print(&report)
     }
-}
-
-/// Draws the pictures of a sweep.
-fn draw_sweep(folder: &Path) -> Result<()> {
-    let names = sweep::draw(&SweepReport::read(folder)?, folder)?;
-    let line = |name: &str| format!("{}.svg, .png\n", folder.join(plot::FOLDER).join(name).display());
-    print(&names.into_iter().map(line).collect::<String>())
 }

@@ -40,8 +40,8 @@ fn same_input(context: &Context, scene: Option<&Identity>) -> Result<()> {
     let words: Vec<_> = std::env::args_os().skip(1).collect();
     // A command line that names another file of a scene is told as another scene.
     let parts = [
-        ("scene", format!("{:?}", scene.map(Identity::scene))),
-        ("mesh file", format!("{:?}", scene.map(Identity::mesh_checksum))),
+        ("scene", format!("{:?}", scene.map(|identity| &identity.scene))),
+        ("mesh file", format!("{:?}", scene.map(|identity| identity.mesh))),
         ("command line", format!("{words:?}")),
         ("PETSC_OPTIONS", format!("{:?}", std::env::var_os("PETSC_OPTIONS"))),
     ];

@@ -5,12 +5,11 @@ use crate::error::{Error, Result};
 use crate::input;
 use crate::output::report::{self, ManyRuns, RunTable};
 use crate::output::text::{grouped, significant};
-use crate::output::{plot, write_atomic};
+use crate::output::{paths_in, plot, write_atomic};
 use crate::sweep::{self, SweepReport};
 use serde_json::Value;
 use std::fs;
-use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Name of the file that makes a folder that of a study.
 pub(super) const STUDY: &str = "study.json";
@@ -60,7 +59,7 @@ pub(super) fn of_sweep(folder: &Path) -> Result<()> {
             scene: &sweep.scene,
             remarks: &remarks,
             pictures: &pictures,
-            tables: &[RunTable::of_csv(&heading, &sweep.csv(), is_shown)],
+            tables: &[RunTable::new(&heading, &sweep.lines(), is_shown)],
         },
     )
 }
@@ -80,7 +79,9 @@ pub(super) fn of_study(folder: &Path) -> Result<()> {
     let csv = folder.join("study.csv");
     let csv = fs::read_to_string(&csv).map_err(Error::io(&csv))?;
     let is_shown = |head: &str| STUDY_COLUMNS.contains(&head);
-    let mut tables = vec![RunTable::of_csv("Runs (study.csv has more columns)", &csv, is_shown)];
+    let lines: Vec<Vec<String>> =
+        csv.lines().map(|line| line.split(',').map(str::to_owned).collect()).collect();
+    let mut tables = vec![RunTable::new("Runs (study.csv has more columns)", &lines, is_shown)];
     let failures = study["failures"].as_array().map_or(0, Vec::len);
     let mut remarks = vec![format!("{} runs, {failures} failed.", tables[0].rows.len())];
     if study["resolved"].is_null() {
@@ -123,18 +124,13 @@ fn cheapest(study: &Value) -> RunTable {
 
 /// Reads the pictures of a folder, in the order of their names; none where there is no folder.
 fn pictures(folder: &Path) -> Result<Vec<(String, String)>> {
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        entries => entries.and_then(Iterator::collect::<io::Result<Vec<_>>>).map_err(Error::io(folder))?,
-    };
-    let mut paths: Vec<_> = entries.into_iter().map(|entry| entry.path()).collect();
+    let mut paths = paths_in(folder)?;
     paths.retain(|path| path.extension().is_some_and(|extension| extension == "svg"));
-    paths.sort();
-    let read = |path: &std::path::PathBuf| {
+    let read = |path: PathBuf| {
         let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        Ok((name, fs::read_to_string(path).map_err(Error::io(path))?))
+        Ok((name, fs::read_to_string(&path).map_err(Error::io(path))?))
     };
-    paths.iter().map(read).collect()
+    paths.into_iter().map(read).collect()
 }
 
 fn write(folder: &Path, runs: &ManyRuns) -> Result<()> {

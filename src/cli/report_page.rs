@@ -3,10 +3,9 @@
 use super::command::{Execute, Program};
 use super::printing::print;
 use super::report_many;
-use super::run_folder::RunFolder;
-use crate::error::{Error, Result};
-use crate::output::plot::Obstacle;
-use crate::output::report::{self, Frames, ReportContents};
+use crate::error::Result;
+use crate::output::report::{self, Frames};
+use crate::output::run_folder::RunFolder;
 use crate::output::text::grouped;
 use crate::output::write_atomic;
 use crate::sweep;
@@ -37,20 +36,8 @@ impl Execute for ReportPage {
         }
         let run = RunFolder::read(&self.folder)?;
         let frames = Frames::read(&run.snapshots)?;
-        let figures = run.pictures()?.figures;
-        let pictures: Vec<(String, String)> =
-            figures.into_iter().map(|(name, figure)| (name.to_owned(), figure.svg())).collect();
-        let heights: Vec<f64> = run.obstacles().into_iter().map(Obstacle::height).collect();
-        let contents = ReportContents {
-            summary: &run.summary,
-            table: &run.table,
-            contacts: run.contacts.as_deref(),
-            frames: frames.as_ref(),
-            pictures: &pictures,
-            heights: &heights,
-        };
+        let page = report::page(&run, frames.as_ref())?;
         let path = run.folder.join(report::FILE);
-        let page = report::page(&contents).map_err(Error::io(&path))?;
         write_atomic(&path, page.as_bytes())?;
         let frames = match &frames {
             Some(frames) if frames.times.len() < frames.snapshots => {

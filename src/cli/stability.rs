@@ -5,6 +5,7 @@ use super::command::{Execute, Program};
 use super::hard_scenes::HardScenes;
 use super::printing::OutputMode;
 use crate::error::{Error, Result};
+use crate::output::paths_in;
 #[cfg(feature = "petsc")]
 use crate::petsc::Context;
 #[cfg(feature = "petsc")]
@@ -100,11 +101,8 @@ fn files(path: &Path) -> Result<Vec<PathBuf>> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
     }
-    let entries = std::fs::read_dir(path).and_then(Iterator::collect::<std::io::Result<Vec<_>>>);
-    let mut files: Vec<PathBuf> =
-        entries.map_err(Error::io(path))?.iter().map(|entry| entry.path()).collect();
+    let mut files = paths_in(path)?;
     files.retain(|file| file.extension().is_some_and(|extension| extension == "toml"));
-    files.sort();
     if files.is_empty() {
         return Err(Error::Usage(format!("{}: no scene in this folder", path.display())));
     }

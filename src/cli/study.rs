@@ -5,6 +5,7 @@ use super::command::{Execute, Program};
 use super::printing::{command_line, print};
 use crate::error::{Error, Result};
 use crate::input;
+use crate::output::plot::{self, Figure};
 use crate::output::progress::moving_line;
 use crate::output::summary::write_json;
 use crate::output::write_atomic;
@@ -15,7 +16,7 @@ use crate::petsc::Context;
 use crate::scene::EngineName;
 use crate::scene::{ElementKind, Scene};
 #[cfg(feature = "petsc")]
-use crate::simulation::Model;
+use crate::simulation::{self, Model};
 #[cfg(feature = "petsc")]
 use crate::study::accuracy::trajectory::Trajectory;
 use crate::study::accuracy::{self, Accuracy, Runner, Watch, pictures};
@@ -125,7 +126,9 @@ impl Execute for Study {
                 EngineName::Petsc => {
                     let model = Model::distributed(scene, &context)?;
                     let solver = model.solver(scene);
-                    Trajectory::record(scene, &model, &*solver, keep_fields)
+                    let run =
+                        |trajectory: &mut Trajectory| simulation::run(scene, &model, &*solver, trajectory);
+                    Trajectory::record(scene, keep_fields, run)
                 }
             };
             self.make(&scene, &study, &on_both)?;
@@ -156,7 +159,7 @@ impl Study {
         let mut watch = Files { folder: &folder, command: &command, scene, hash: &hash, line, quiet };
         let accuracy = accuracy::study(scene, study, stopped, run, self.jobs.get(), &mut watch)?;
         watch.line.finish_and_clear();
-        pictures::write(&accuracy, &folder.join("plots"), &command)?;
+        Figure::write_all(&folder.join(plot::FOLDER), &pictures::figures(&accuracy, &command))?;
         self.scene.voice.print(&accuracy, &accuracy.summary(&command, scene, &hash))?;
         if !quiet {
             print(&format!("\nwritten to {}\n", folder.display()))?;
@@ -181,7 +184,7 @@ impl Study {
 }
 
 /// Names of the files that a study writes into its folder.
-const FILES: [&str; 4] = ["study.json", "study.csv", "plots", report::FILE];
+const FILES: [&str; 4] = ["study.json", "study.csv", plot::FOLDER, report::FILE];
 
 /// Writer that keeps the files up to date, so that an interrupted study keeps its results.
 struct Files<'f> {

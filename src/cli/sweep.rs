@@ -11,6 +11,7 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::output::checkpoint::Identity;
 use crate::output::claim::RunLock;
+use crate::output::plot::{self, Figure};
 use crate::output::progress::moving_line;
 use crate::scene::{EngineName, Scene, SweepSpec};
 #[cfg(not(feature = "petsc"))]
@@ -142,7 +143,8 @@ impl SweepArgs {
         let mut store = SweepStore::open(&folder, &scene.hash(), self.overwrite)?;
         signal::listen()?;
         let cache = self.scene.open_cache();
-        let line = ProgressLine::new(count(sweep), store.indices().len(), self.scene.voice.is_silent());
+        let count = sweep::groups(sweep).iter().map(Vec::len).sum();
+        let line = ProgressLine::new(count, store.indices().len(), self.scene.voice.is_silent());
         let shown = line.clone();
         store.on_row(move |row| shown.tell(row));
         let rows = sweep::conduct(sweep, load, &mut store, self.jobs.get(), &|| signal::signal_received());
@@ -211,7 +213,7 @@ impl SweepArgs {
         let report = SweepReport::new(scene, command_line(), store.rows());
         report.write(folder)?;
         ended?;
-        let pictures = sweep::draw(&report, folder)?;
+        let pictures = Figure::write_all(&folder.join(plot::FOLDER), &sweep::figures(&report))?;
         if is_complete {
             store.clear_states()?;
         }
@@ -219,18 +221,13 @@ impl SweepArgs {
         let mut text =
             format!("{}\n{} runs, {} failed\n", report.title, report.rows.len(), report.failures());
         text += &format!("{shown}/{}, {}\n", sweep::CSV, sweep::JSON);
-        text.extend(pictures.iter().map(|name| format!("{shown}/plots/{name}.svg, .png\n")));
+        text += &pictures;
         self.scene.voice.print(&text, &report)
     }
 
     fn folder(&self) -> PathBuf {
         self.scene.folder(self.out.as_deref(), "sweeps")
     }
-}
-
-/// Returns the number of runs of a sweep.
-fn count(sweep: &SweepSpec) -> usize {
-    sweep::groups(sweep).iter().map(Vec::len).sum()
 }
 
 /// Progress of a sweep on the terminal.

@@ -7,18 +7,15 @@
 //! to a later end continues.
 
 use super::vtu::SnapshotFiles;
-use super::{history, remove, require_same, write_atomic};
+use super::{history, paths_in, remove, require_same, write_atomic};
 use crate::archive::FileKind;
 use crate::error::{Error, Result};
 use crate::hash::{self, Extent};
 use crate::input;
-use crate::motion;
 use crate::scene::{MeshFile, Scene};
 use crate::simulation::RunState;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 const KIND: FileKind = FileKind { name: "checkpoint", format: 12, verb: "goes on from" };
@@ -49,8 +46,10 @@ pub struct Checkpoint {
 /// Identity of a scene: its hash, and the checksum of its mesh file, if it has one.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Identity {
-    scene: String,
-    mesh: Option<u32>,
+    /// Hash of the scene; see [`Scene::hash`].
+    pub scene: String,
+    /// Checksum (CRC-32) of the scene's mesh file, if it has one.
+    pub mesh: Option<u32>,
 }
 
 impl Identity {
@@ -69,16 +68,6 @@ impl Identity {
     pub(super) fn of_summary(summary: &serde_json::Value) -> Option<Identity> {
         let scene = summary["scene_hash"].as_str()?.to_owned();
         Some(Identity { scene, mesh: summary["mesh_checksum"].as_u64().map(|sum| sum as u32) })
-    }
-
-    /// Returns the hash of the scene; see [`Scene::hash`].
-    pub fn scene(&self) -> &str {
-        &self.scene
-    }
-
-    /// Returns the checksum (CRC-32) of the scene's mesh file, if it has one.
-    pub fn mesh_checksum(&self) -> Option<u32> {
-        self.mesh
     }
 }
 
@@ -136,39 +125,17 @@ impl Checkpoint {
         earlier.iter().rev().skip(KEPT).chain(&later).try_for_each(|(_, path)| remove(path))
     }
 
-    /// Writes the last state of a finished run.
-    ///
-    /// # Errors
-    /// Returns [`Error::Io`] on a failure to write.
-    pub fn write_state(&self, folder: &Path) -> Result<()> {
-        write_atomic(&folder.join(STATE), &self.to_bytes()?)
-    }
-
-    /// Returns the newest undamaged checkpoint of a run folder, and the errors of newer ones.
+    /// Returns the newest undamaged checkpoint of a run folder, and the errors of newer ones; with
+    /// `or_last`, the last state of a finished run where there is no checkpoint.
     ///
     /// # Errors
     /// Returns [`Error::Checkpoint`] where there is none, and [`Error::Io`] where the folder cannot
     /// be read.
-    pub fn newest(folder: &Path) -> Result<(Checkpoint, Vec<Error>)> {
+    pub fn newest(folder: &Path, or_last: bool) -> Result<(Checkpoint, Vec<Error>)> {
+        let (name, state) = (folder.display(), folder.join(STATE));
         let paths = list(folder)?.into_iter().rev().map(|(_, path)| path);
-        Checkpoint::first_whole(folder, paths)
-    }
-
-    /// Returns the same as [`Checkpoint::newest`], or the last state of a finished run where there
-    /// is no checkpoint.
-    ///
-    /// # Errors
-    /// Returns the same errors as [`Checkpoint::newest`].
-    pub fn newest_or_last(folder: &Path) -> Result<(Checkpoint, Vec<Error>)> {
-        let paths = list(folder)?.into_iter().rev().map(|(_, path)| path);
-        let last = Some(folder.join(STATE)).filter(|path| path.is_file());
-        Checkpoint::first_whole(folder, paths.chain(last))
-    }
-
-    /// Returns the first undamaged one of some files, and the errors of those before it.
-    fn first_whole(folder: &Path, paths: impl Iterator<Item = PathBuf>) -> Result<(Checkpoint, Vec<Error>)> {
         let mut damaged = Vec::new();
-        for path in paths {
+        for path in paths.chain((or_last && state.is_file()).then(|| state.clone())) {
             let read = input::read(&path, u64::MAX).and_then(|bytes| {
                 Checkpoint::from_bytes(&bytes)
                     .map_err(|why| Error::Checkpoint(format!("{}: {why}", path.display())))
@@ -178,7 +145,6 @@ impl Checkpoint {
                 Err(why) => damaged.push(why),
             }
         }
-        let (name, state) = (folder.display(), folder.join(STATE));
         Err(Error::Checkpoint(match damaged.first() {
             Some(why) => format!("{name}: no checkpoint to go on from; {why}"),
             None if state.is_file() => {
@@ -207,40 +173,16 @@ pub fn clear(folder: &Path) -> Result<()> {
     list(folder)?.iter().try_for_each(|(_, path)| remove(path))
 }
 
-/// Removes the last state and motion of a finished run, if they exist.
-///
-/// # Errors
-/// Returns [`Error::Io`] where a file cannot be removed.
-pub fn clear_state(folder: &Path) -> Result<()> {
-    remove(&folder.join(motion::FILE))?;
-    remove(&folder.join(STATE))
-}
-
-/// Returns whether a file name is that of a checkpoint.
-pub(super) fn is_one(name: &str) -> bool {
-    step_of(name).is_some()
-}
-
-/// Returns the step in the file name of a checkpoint.
-fn step_of(name: &str) -> Option<u64> {
+/// Returns the step in the file name of a checkpoint; `None` for another file.
+pub(super) fn step_of(name: &str) -> Option<u64> {
     name.strip_prefix("checkpoint-")?.strip_suffix(".bin")?.parse().ok()
 }
 
 /// Returns steps and files of a folder's checkpoints, ascending; none where the folder does not
 /// exist.
 fn list(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        entries => entries.map_err(Error::io(folder))?,
-    };
-    let mut checkpoints = Vec::new();
-    for entry in entries {
-        let path = entry.map_err(Error::io(folder))?.path();
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        if let Some(step) = step_of(&name) {
-            checkpoints.push((step, path));
-        }
-    }
+    let numbered = |path: PathBuf| Some((step_of(path.file_name()?.to_str()?)?, path));
+    let mut checkpoints: Vec<_> = paths_in(folder)?.into_iter().filter_map(numbered).collect();
     checkpoints.sort_unstable();
     Ok(checkpoints)
 }

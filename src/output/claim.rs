@@ -6,6 +6,7 @@
 
 use super::checkpoint::{self, Identity};
 use super::{contacts, events, extremes, history, plot, reactions, report, summary, vtu};
+use super::{if_there, paths_in};
 use crate::error::{Error, Result};
 use crate::input;
 use crate::motion;
@@ -165,7 +166,7 @@ fn taken(folder: &Path, file: &mut File) -> Error {
 /// Returns [`Error::Usage`] with the remedy, or [`Error::Io`] where the folder cannot be read.
 pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwrite: bool) -> Result<()> {
     refuse_running(folder)?;
-    let is_own = |name: &str| name == LOCK || RESULTS.contains(&name) || checkpoint::is_one(name);
+    let is_own = |name: &str| name == LOCK || RESULTS.contains(&name) || checkpoint::step_of(name).is_some();
     refuse_foreign(folder, "run", "--out", is_own)?;
     if overwrite {
         return Ok(());
@@ -178,31 +179,27 @@ pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwri
         )));
     }
     let remedy = "--out DIR names another folder, --overwrite replaces them";
-    match input::read_plain(&folder.join(summary::FILE)) {
-        Ok(bytes) => {
-            let summary: Value = serde_json::from_slice(&bytes).unwrap_or_default();
-            if Identity::of_summary(&summary).is_some_and(|identity| identity == *scene) {
-                return Ok(());
-            }
-            let difference = match difference("", &summary["scene"], resolved) {
-                Some(difference) if summary["scene"].is_object() => format!(" ({difference})"),
-                _ => String::new(),
-            };
-            Err(Error::Usage(format!("{shown} holds the results of another scene{difference}: {remedy}")))
+    let path = folder.join(summary::FILE);
+    let wrong = if let Some(bytes) = if_there(&path, input::read_plain(&path))? {
+        let summary: Value = serde_json::from_slice(&bytes).unwrap_or_default();
+        if Identity::of_summary(&summary).is_some_and(|identity| identity == *scene) {
+            return Ok(());
         }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            let lock = input::open_plain(File::options().read(true), &folder.join(LOCK));
-            let cut_off = lock.ok().and_then(|mut file| holder(&mut file));
-            let is_same = cut_off.is_some_and(|holder| holder.scene == *scene);
-            match RESULTS.iter().find(|name| !is_same && folder.join(name).exists()) {
-                None => Ok(()),
-                Some(name) => Err(Error::Usage(format!(
-                    "{shown} holds results without a summary that would tell their scene ({name}): {remedy}"
-                ))),
-            }
-        }
-        Err(error) => Err(Error::io(folder.join(summary::FILE))(error)),
-    }
+        let difference = match difference("", &summary["scene"], resolved) {
+            Some(difference) if summary["scene"].is_object() => format!(" ({difference})"),
+            _ => String::new(),
+        };
+        format!("the results of another scene{difference}")
+    } else {
+        let lock = input::open_plain(File::options().read(true), &folder.join(LOCK));
+        let cut_off = lock.ok().and_then(|mut file| holder(&mut file));
+        let is_same = cut_off.is_some_and(|holder| holder.scene == *scene);
+        let Some(name) = RESULTS.iter().find(|name| !is_same && folder.join(name).exists()) else {
+            return Ok(());
+        };
+        format!("results without a summary that would tell their scene ({name})")
+    };
+    Err(Error::Usage(format!("{shown} holds {wrong}: {remedy}")))
 }
 
 /// Refuses a folder with files that the command does not write there, or with links, pipes and
@@ -218,23 +215,13 @@ pub fn refuse_foreign(
     option: &str,
     is_own: impl Fn(&str) -> bool,
 ) -> Result<()> {
-    let entries = match fs::read_dir(folder) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
-        entries => entries.map_err(Error::io(folder))?,
-    };
-    let mut foreign = Vec::new();
-    for entry in entries {
-        let entry = entry.map_err(Error::io(folder))?;
-        let (name, path) = (entry.file_name(), entry.path());
-        if !path.is_dir() {
-            entry.metadata().and_then(|metadata| input::require_file(&metadata)).map_err(Error::io(path))?;
-        }
-        if !name.to_str().is_some_and(|name| is_own(name) || is_passing(name)) {
-            foreign.push(name);
-        }
+    let paths = paths_in(folder)?;
+    for path in paths.iter().filter(|path| !path.is_dir()) {
+        let metadata = path.symlink_metadata();
+        metadata.and_then(|metadata| input::require_file(&metadata)).map_err(Error::io(path))?;
     }
-    let first = foreign.iter().min().map(|name| OsStr::to_string_lossy(name));
-    first.map_or(Ok(()), |name| {
+    let mut names = paths.iter().filter_map(|path| path.file_name()).map(OsStr::to_string_lossy);
+    names.find(|name| !is_own(name) && !is_passing(name)).map_or(Ok(()), |name| {
         Err(Error::Usage(format!(
             "{} holds {name}, which no {command} writes: {option} DIR names another folder",
             folder.display()

@@ -1,8 +1,8 @@
 //! File `contacts.csv`: intervals and impulses of the contacts of single nodes; one row per
 //! contact, written when the contact ends.
 
-use super::Lines;
-use super::history::{malformed, number};
+use super::history::{malformed, numbers};
+use super::{Lines, if_there};
 use crate::error::{Error, Result};
 use crate::input;
 pub use crate::simulation::Contact;
@@ -22,10 +22,7 @@ pub(super) fn push(file: &mut Lines, contacts: &[Contact]) -> Result<()> {
     contacts.iter().try_for_each(|&Contact { node, at: [x, y], begin, end, impulse }| {
         file.push(|line| {
             write!(line, "{node}").expect("a string takes everything");
-            for value in [x, y, begin, end, impulse] {
-                line.push(',');
-                number(line, value);
-            }
+            numbers(line, [x, y, begin, end, impulse]);
         })
     })
 }
@@ -36,11 +33,8 @@ pub(super) fn push(file: &mut Lines, contacts: &[Contact]) -> Result<()> {
 /// Returns [`Error::Io`] where the file cannot be read or is malformed, with the line.
 pub fn read(folder: &Path) -> Result<Option<Vec<Contact>>> {
     let path = folder.join(FILE);
-    match input::open_plain(File::options().read(true), &path).and_then(io::read_to_string) {
-        Ok(text) => parse(&text).map(Some).map_err(Error::io(path)),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(Error::io(path)(error)),
-    }
+    let text = input::open_plain(File::options().read(true), &path).and_then(io::read_to_string);
+    if_there(&path, text)?.map(|text| parse(&text).map_err(Error::io(path))).transpose()
 }
 
 fn parse(text: &str) -> io::Result<Vec<Contact>> {

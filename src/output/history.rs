@@ -75,20 +75,13 @@ impl History {
         assert_eq!(columns, self.columns, "a row needs one value per probe and force");
         self.lines.push(|line| {
             integer(line, row.step);
-            for value in [row.time, row.energy, row.kinetic, row.elastic, row.work] {
-                line.push(',');
-                number(line, value);
-            }
+            numbers(line, [row.time, row.energy, row.kinetic, row.elastic, row.work]);
             line.push(',');
             integer(line, row.contact_nodes as u64);
-            line.push(',');
-            number(line, row.contact_force);
+            numbers(line, [row.contact_force]);
             line.push(',');
             integer(line, row.vi_iterations);
-            for &value in std::iter::once(&row.kkt).chain(row.probes).chain(row.forces) {
-                line.push(',');
-                number(line, value);
-            }
+            numbers(line, std::iter::once(&row.kkt).chain(row.probes).chain(row.forces).copied());
         })
     }
 
@@ -107,12 +100,14 @@ fn integer(line: &mut String, value: u64) {
     write!(line, "{value}").expect("a string takes everything");
 }
 
-/// Appends the shortest decimal that reads back as the same bits, with an exponent if that is
-/// easier to read.
-pub(super) fn number(line: &mut String, value: f64) {
-    let plain = value == 0.0 || (1e-3..1e7).contains(&value.abs());
-    if plain { write!(line, "{value}") } else { write!(line, "{value:e}") }
-        .expect("a string takes everything");
+/// Appends numbers, each after a comma: the shortest decimals that read back as the same bits, with
+/// an exponent if that is easier to read.
+pub(super) fn numbers(line: &mut String, values: impl IntoIterator<Item = f64>) {
+    for value in values {
+        let plain = value == 0.0 || (1e-3..1e7).contains(&value.abs());
+        if plain { write!(line, ",{value}") } else { write!(line, ",{value:e}") }
+            .expect("a string takes everything");
+    }
 }
 
 /// History read back: named columns of equal length, [`COLUMNS`] first.

@@ -11,6 +11,7 @@
 //! - [`vtu`] for `fields.pvd` and its snapshots,
 //! - [`summary`] for `summary.json`, and [`resolved`] for the scene in it,
 //! - [`run_files`] for the observer that writes all of these,
+//! - `run_folder` for the reader of a finished run,
 //! - [`plot`] for `plots/*.svg` and `.png`,
 //! - [`report`] for `report.html`,
 //! - [`matrix_market`] for `*.mtx`,
@@ -30,6 +31,7 @@ pub mod reactions;
 pub mod report;
 pub mod resolved;
 pub mod run_files;
+pub(crate) mod run_folder;
 pub mod summary;
 pub mod text;
 pub mod vtu;
@@ -153,8 +155,22 @@ pub fn sweep(folder: &Path) -> Result<()> {
 
 /// Removes a file, if it exists.
 pub(crate) fn remove(path: &Path) -> Result<()> {
-    match fs::remove_file(path) {
-        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(Error::io(path)(error)),
-        _ => Ok(()),
+    if_there(path, fs::remove_file(path)).map(drop)
+}
+
+/// Returns the result of an operation on a file or folder; `None` where it does not exist.
+pub(crate) fn if_there<T>(path: &Path, result: io::Result<T>) -> Result<Option<T>> {
+    match result {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        result => result.map(Some).map_err(Error::io(path)),
     }
+}
+
+/// Returns the paths of what a folder holds, sorted; none where it does not exist.
+pub(crate) fn paths_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let entries = if_there(folder, fs::read_dir(folder))?.into_iter().flatten();
+    let paths = entries.map(|entry| Ok(entry?.path())).collect::<io::Result<_>>();
+    let mut paths: Vec<PathBuf> = paths.map_err(Error::io(folder))?;
+    paths.sort();
+    Ok(paths)
 }

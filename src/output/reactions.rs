@@ -1,7 +1,7 @@
 //! File `reactions.csv`: forces and moments along named supports, one row per node and instant.
 
 use super::Lines;
-use super::history::number;
+use super::history::numbers;
 use crate::error::Result;
 pub use crate::simulation::NodeReaction;
 use std::fmt::Write as _;
@@ -22,13 +22,10 @@ pub(super) fn push(
 ) -> Result<()> {
     rows.iter().try_for_each(|&NodeReaction { support, at: [x, y], force, moments }| {
         file.push(|line| {
-            write!(line, "{step},").expect("a string takes everything");
-            number(line, time);
+            write!(line, "{step}").expect("a string takes everything");
+            numbers(line, [time]);
             write!(line, ",{}", names[support]).expect("a string takes everything");
-            for value in [x, y, force, moments[0], moments[1]] {
-                line.push(',');
-                number(line, value);
-            }
+            numbers(line, [x, y, force, moments[0], moments[1]]);
         })
     })
 }

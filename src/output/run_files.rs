@@ -55,10 +55,7 @@ impl ResumedRun {
     /// results is not the one that the run wrote before the checkpoint.
     pub fn new(folder: PathBuf, until: Option<&str>) -> Result<ResumedRun> {
         claim::refuse_running(&folder)?;
-        let (from, damaged) = match until {
-            None => Checkpoint::newest(&folder)?,
-            Some(_) => Checkpoint::newest_or_last(&folder)?,
-        };
+        let (from, damaged) = Checkpoint::newest(&folder, until.is_some())?;
         let Checkpoint { scene: text, scene_file: file, identity, petsc, pause, outputs } = from.clone();
         let read = |overrides: &[String]| Scene::from_str(&text, &file.to_string_lossy(), overrides);
         let mut scene = read(&[])?;
@@ -116,7 +113,7 @@ impl<'s> RunSummary<'s> {
             version: env!("CARGO_PKG_VERSION"),
             status,
             scene_hash: scene.hash(),
-            mesh_checksum: identity.mesh_checksum(),
+            mesh_checksum: identity.mesh,
             effects: scene.effects(),
             warnings,
             opposite: simulation::opposite(scene).unwrap_or_default(),
@@ -168,10 +165,10 @@ impl Tables {
     /// Creates the files of a new run, and removes those of an earlier one.
     fn create(RecordedRun { scene, folder, .. }: &RecordedRun) -> Result<Tables> {
         checkpoint::clear(folder)?;
-        checkpoint::clear_state(folder)?;
-        remove(&folder.join(summary::FILE))?;
+        for name in [motion::FILE, checkpoint::STATE, summary::FILE, report::FILE] {
+            remove(&folder.join(name))?;
+        }
         plot::clear(folder)?;
-        remove(&folder.join(report::FILE))?;
         let probes: Vec<String> = scene.output.probes.iter().map(|probe| probe.name.clone()).collect();
         let history = History::create(folder, &probes, &scene.force_columns())?;
         vtu::clear(folder)?;
@@ -323,7 +320,7 @@ impl Observer for RunFiles<'_> {
     fn end(&mut self, pause: RunState, motion: Motion) -> Result<()> {
         let Some(checkpoint) = self.checkpoint(pause)? else { return Ok(()) };
         let folder = &self.run.folder;
-        checkpoint.write_state(folder)?;
+        write_atomic(&folder.join(checkpoint::STATE), &checkpoint.to_bytes()?)?;
         write_atomic(&folder.join(motion::FILE), &motion.to_bytes()?)
     }
 }

@@ -231,6 +231,15 @@ pub fn significant(value: f64) -> String {
     without_idle_zeros(&format!("{value:.decimals$}")).to_owned()
 }
 
+/// Formats two digits as [`significant`] formats five.
+pub fn short(value: f64) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return significant(value);
+    }
+    let digit = 10f64.powf(value.abs().log10().floor() - 1.0);
+    significant((value / digit).round() * digit)
+}
+
 /// Formats two significant digits with an exponent, as errors and residuals are told.
 pub fn two_digits(value: f64) -> String {
     if value == 0.0 { "0".into() } else { format!("{value:.1e}") }

@@ -32,7 +32,7 @@
 //! `gap`, `floor`, `ceiling` and `reaction` exist where the scene has obstacles.
 
 use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, parallel};
-use super::{remove, sweep, write_atomic};
+use super::{if_there, remove, sweep, write_atomic};
 use crate::error::{Error, Result};
 use crate::hash::Extent;
 use crate::input;
@@ -40,7 +40,6 @@ use crate::simulation::{Lattice, Snapshot};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 
 /// Name of the index in the run folder.
@@ -249,24 +248,23 @@ pub struct Surface {
     pub von_mises: Vec<f64>,
 }
 
-impl Surface {
-    /// Returns the sides of the cells that belong to one small cell only, ordered by their first
-    /// points.
-    pub fn boundary(&self, cells: &[&Vec<usize>]) -> Vec<[usize; 2]> {
-        let mut sides: BTreeMap<[usize; 2], usize> = BTreeMap::new();
-        for face in cells {
-            for (i, &a) in face.iter().enumerate() {
-                let b = face[(i + 1) % face.len()];
-                *sides.entry([a.min(b), a.max(b)]).or_default() += 1;
-            }
+/// Returns the sides of some cells, given by the numbers of their corners, that belong to one of
+/// the cells only, ordered by their first corners.
+pub fn boundary<'c, N: Copy + Ord + 'c>(cells: impl IntoIterator<Item = &'c Vec<N>>) -> Vec<[N; 2]> {
+    let mut sides: BTreeMap<[N; 2], usize> = BTreeMap::new();
+    for face in cells {
+        for (i, &a) in face.iter().enumerate() {
+            let b = face[(i + 1) % face.len()];
+            *sides.entry([a.min(b), a.max(b)]).or_default() += 1;
         }
-        sides.into_iter().filter(|(_, cells)| *cells == 1).map(|(side, _)| side).collect()
     }
+    sides.into_iter().filter(|(_, cells)| *cells == 1).map(|(side, _)| side).collect()
+}
 
+impl Surface {
     /// Returns the boundary of the plate as pairs of points, in m.
     pub fn outline(&self) -> Vec<[[f64; 2]; 2]> {
-        let sides = self.boundary(&self.cells.iter().collect::<Vec<_>>());
-        sides.into_iter().map(|side| side.map(|point| self.points[point])).collect()
+        boundary(&self.cells).into_iter().map(|side| side.map(|point| self.points[point])).collect()
     }
 }
 
@@ -293,15 +291,11 @@ pub fn held_points<'d>(snapshots: impl Iterator<Item = &'d [f64]> + Clone) -> Ve
 /// Returns [`Error::Io`] where the index cannot be read.
 pub fn read_index(folder: &Path) -> Result<Vec<(f64, PathBuf)>> {
     let path = folder.join(FILE);
-    let text = match fs::read_to_string(&path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-        read => read.map_err(Error::io(&path))?,
-    };
+    let Some(text) = if_there(&path, fs::read_to_string(&path))? else { return Ok(Vec::new()) };
     let entry =
         |tag: &str| Some((attribute(tag, "timestep")?.parse().ok()?, folder.join(attribute(tag, "file")?)));
-    tags(&text, "DataSet")
-        .map(|tag| entry(tag).ok_or_else(|| Error::invalid(&path, "a DataSet without time or file")))
-        .collect()
+    let wrong = || Error::invalid(&path, "a DataSet without time or file");
+    tags(&text, "DataSet").into_iter().map(|tag| entry(tag).ok_or_else(wrong)).collect()
 }
 
 /// Reads a snapshot or an envelope that this program wrote: a `.vtu`, or the pieces of a `.pvtu`.
@@ -313,7 +307,7 @@ pub fn read(path: &Path) -> Result<Surface> {
     if path.extension().is_some_and(|extension| extension == "pvtu") {
         let text = String::from_utf8_lossy(&bytes);
         let mut sum = Surface::default();
-        for piece in tags(&text, "Piece").filter_map(|tag| attribute(tag, "Source")) {
+        for piece in tags(&text, "Piece").into_iter().filter_map(|tag| attribute(tag, "Source")) {
             let Surface { points, cells, deflection, reaction, obstacles, parents, von_mises } =
                 read(&path.with_file_name(piece))?;
             let before = sum.points.len();
@@ -338,7 +332,8 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
     let text = std::str::from_utf8(&bytes[..split]).map_err(|_| "not text before its data")?;
     let data = &bytes[split + START.len()..];
     let array = |name: &str| -> std::result::Result<Option<Vec<[u8; 8]>>, &'static str> {
-        let Some(tag) = tags(text, "DataArray").find(|tag| attribute(tag, "Name") == Some(name)) else {
+        let Some(tag) = tags(text, "DataArray").into_iter().find(|tag| attribute(tag, "Name") == Some(name))
+        else {
             return Ok(None);
         };
         let offset =
@@ -382,14 +377,9 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
     fits.then_some(surface).ok_or("arrays that do not fit")
 }
 
-/// Returns the tags of a name, without their brackets.
-fn tags<'t>(text: &'t str, name: &str) -> impl Iterator<Item = &'t str> {
-    let start = format!("<{name} ");
-    text.match_indices(&start)
-        .map(|(start, _)| start)
-        .collect::<Vec<_>>()
-        .into_iter()
-        .filter_map(move |start| text[start..].split('>').next())
+/// Returns the attributes of all tags of a name, those of one tag in one text.
+fn tags<'t>(text: &'t str, name: &str) -> Vec<&'t str> {
+    text.split(&format!("<{name}")).skip(1).filter_map(|rest| rest.split('>').next()).collect()
 }
 
 fn attribute<'t>(tag: &'t str, name: &str) -> Option<&'t str> {

@@ -6,6 +6,7 @@
 //! itself. Only the contender's calls are timed, after a synchronisation of all ranks.
 
 use super::accuracy::plan::solver_name;
+use super::frequencies::on_native_engine;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::geometry::range;
@@ -60,11 +61,6 @@ impl Contender {
             return Err(unknown(name));
         }
         Ok(Contender { engine, vi, method })
-    }
-
-    /// Returns the reference: the native engine with the condensed solver.
-    fn reference() -> Contender {
-        Contender { engine: EngineName::Native, vi: ContactSolver::Condensed, method: None }
     }
 
     /// Returns PETSc's option for the method, and its value.
@@ -306,7 +302,7 @@ struct Reference {
 
 impl Reference {
     fn new(scene: &Scene) -> Result<Reference> {
-        let scene = Contender::reference().scene(scene);
+        let scene = on_native_engine(scene);
         let model = Model::new(&scene)?;
         let size = |axis: usize| {
             let [low, high] = range(model.sites.iter().map(|site| site.at[axis]));

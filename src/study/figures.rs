@@ -81,18 +81,15 @@ impl Kind {
             Kind::Absorbing => &["time.restitution=0"][..],
             Kind::Bouncing => &["time.restitution=1"],
             Kind::Consistent => &["time.restitution=0", "time.mass=consistent"],
-            Kind::Midpoint | Kind::Conserving | Kind::Exact => &[],
+            Kind::Midpoint => &[],
+            Kind::Conserving => &["time.scheme=conserving"],
+            Kind::Exact => &["time.scheme=exact"],
         };
         let every = (ROWS / step).round().max(1.0);
         let timing = [format!("time.step={step:e}"), format!("output.every={every}")];
         let overrides: Vec<String> = changes.iter().map(ToString::to_string).chain(timing).collect();
         let mut scene = Scene::from_str(SCENES[figure - 1], &format!("fig{figure}.toml"), &overrides)?;
         scene.title = String::new();
-        match self {
-            Kind::Conserving => scene.time.scheme = SchemeSpec::Conserving,
-            Kind::Exact => scene.time.scheme = SchemeSpec::Exact,
-            _ => {}
-        }
         Ok(scene)
     }
 }
@@ -216,7 +213,7 @@ fn deflections(runs: &mut Runs, figure: usize, step: f64, others: &[Kind]) -> Re
     let mut curves = Vec::new();
     for (number, (name, kind)) in paper.into_iter().chain(others).enumerate() {
         let run = runs.get(figure, kind, if kind == Kind::Exact { ROWS } else { step })?;
-        let corner: Vec<f64> = run.0.probes.iter().map(|probes| probes[0]).collect();
+        let corner: Vec<f64> = run.0.samples.probes.iter().map(|probes| probes[0]).collect();
         curves.push(Curve::of(name, &run.0.times, &corner).style(kind.style().unwrap_or(number)));
     }
     Ok(Panel::new(Axis::linear("time", "s").tight(), Axis::linear("deflection", "m"))

@@ -20,7 +20,7 @@ use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::mesh::Mesh;
-use crate::output::text::significant;
+use crate::output::text::short;
 use crate::scene::Scene;
 use crate::simulation::{self, Model};
 
@@ -48,7 +48,7 @@ pub(super) fn warning(scene: &Scene, model: &Model) -> Option<String> {
     }
     let parts = scene.parts.iter().map(|part| part.plate.thickness);
     let thickness = parts.fold(scene.plate.plate.thickness, f64::max);
-    let [w, h, steep] = [deflection, deflection / thickness, slope].map(significant_two);
+    let [w, h, steep] = [deflection, deflection / thickness, slope].map(short);
     if is_held_around(&mesh, &space) && deflection > MAX_SHARE_OF_THICKNESS * thickness {
         return Some(format!(
             "the static deflection is {w} m, {h} times the thickness: where the supports hold the plate in its plane too, it stretches \
@@ -61,15 +61,6 @@ pub(super) fn warning(scene: &Scene, model: &Model) -> Option<String> {
              which is more than 4 % of the deflection (limit: {MAX_SLOPE})"
         )
     })
-}
-
-/// Formats two digits.
-fn significant_two(value: f64) -> String {
-    if value == 0.0 {
-        return "0".into();
-    }
-    let digit = 10f64.powf(value.abs().log10().floor() - 1.0);
-    significant((value / digit).round() * digit)
 }
 
 /// Returns the deflection under the constant load; `None` without one, in contact, or where nothing

@@ -65,27 +65,15 @@ pub enum Ending {
 }
 
 impl Ending {
-    /// Returns the ending in one word.
-    pub fn word(&self) -> &'static str {
+    /// Returns the ending in one word, and the program's message, if there is one.
+    pub fn told(&self) -> (&'static str, Option<&str>) {
         match self {
-            Ending::Holds => "holds",
-            Ending::Drifts(_) => "drifts",
-            Ending::Gains(_) => "gains",
-            Ending::Guarded(_) => "guard",
-            Ending::Refused(_) => "refused",
-            Ending::Fails(_) => "FAILS",
-        }
-    }
-
-    /// Returns the program's message, if there is one.
-    pub fn why(&self) -> Option<&str> {
-        match self {
-            Ending::Holds => None,
-            Ending::Drifts(why)
-            | Ending::Gains(why)
-            | Ending::Guarded(why)
-            | Ending::Refused(why)
-            | Ending::Fails(why) => Some(why),
+            Ending::Holds => ("holds", None),
+            Ending::Drifts(why) => ("drifts", Some(why)),
+            Ending::Gains(why) => ("gains", Some(why)),
+            Ending::Guarded(why) => ("guard", Some(why)),
+            Ending::Refused(why) => ("refused", Some(why)),
+            Ending::Fails(why) => ("FAILS", Some(why)),
         }
     }
 }
@@ -275,20 +263,14 @@ pub fn attempt<E: Engine>(
     let mesh = scene.file.as_ref().map_or_else(|| mesh_name(&scene.mesh), |file| file.file.clone());
     let (outcome, ended) = match ran {
         Ok(ran) => ran,
-        Err(why) => {
-            let told = why.exit_code() == 2;
-            let why = why.to_string();
-            let ending = if told { Ending::Refused(why) } else { Ending::Fails(why) };
-            return Trial { mesh, method, ending, figures: None };
-        }
+        Err(why) => return Trial { mesh, method, ending: ended_by(&why), figures: None },
     };
     let figures = figures(&witness, &outcome, seconds);
     let ending = match ended {
         Err(why @ Error::EnergyGuard { .. }) if witness.promise == EnergyPromise::Nothing => {
             Ending::Guarded(why.to_string())
         }
-        Err(why) if why.exit_code() == 2 => Ending::Refused(why.to_string()),
-        Err(why) => Ending::Fails(why.to_string()),
+        Err(why) => ended_by(&why),
         Ok(()) => match figures.broken {
             Some(broken) if broken <= KEPT => Ending::Holds,
             Some(broken) => {
@@ -302,6 +284,12 @@ pub fn attempt<E: Engine>(
         },
     };
     Trial { mesh, method, ending, figures: Some(figures) }
+}
+
+/// Returns the ending by an error: one that the user is to mend refuses the trial.
+fn ended_by(why: &Error) -> Ending {
+    let ending = if why.exit_code() == 2 { Ending::Refused } else { Ending::Fails };
+    ending(why.to_string())
 }
 
 /// Runs a trial on the native engine.
@@ -351,20 +339,18 @@ impl Stability {
     /// Returns [`Error::Unfinished`] naming the failed trials.
     pub fn verdict(&self) -> Result<()> {
         let trials = self.cases.iter().flat_map(|case| case.trials.iter().map(move |trial| (case, trial)));
-        let failed = trials.clone().filter(|(_, trial)| matches!(trial.ending, Ending::Fails(_)));
-        let failed: Vec<String> = failed
-            .map(|(case, Trial { mesh, method, ending, .. })| {
-                format!("{}, {mesh}, {method}: {}", case.name, ending.why().unwrap_or_default())
-            })
-            .collect();
-        match failed.len() {
-            0 => Ok(()),
-            some => Err(Error::Unfinished(format!(
-                "{some} of {} trials fail: {}",
-                trials.count(),
-                failed.join("; ")
-            ))),
+        let (count, failed) = (
+            trials.clone().count(),
+            trials.filter_map(|(case, trial)| {
+                let Trial { mesh, method, ending: Ending::Fails(why), .. } = trial else { return None };
+                Some(format!("{}, {mesh}, {method}: {why}", case.name))
+            }),
+        );
+        let failed: Vec<String> = failed.collect();
+        if failed.is_empty() {
+            return Ok(());
         }
+        Err(Error::Unfinished(format!("{} of {count} trials fail: {}", failed.len(), failed.join("; "))))
     }
 }
 
@@ -387,12 +373,12 @@ impl fmt::Display for Case {
         add("VI itera-\ntions", &|figures| grouped(figures.vi_iterations));
         add("solved\nagain", &|figures| grouped(figures.retries));
         add("us a\nstep", &|figures| format!("{:.0}", 1e6 * figures.seconds_a_step));
-        columns.add("verdict", |trial| trial.ending.word().into());
+        columns.add("verdict", |trial| trial.ending.told().0.into());
         let mut table = columns.table([]);
         let mut said: Vec<&str> = Vec::new();
         for trial in &self.trials {
             table.row(columns.row(trial));
-            if let Some(why) = trial.ending.why()
+            if let Some(why) = trial.ending.told().1
                 && !said.contains(&why)
             {
                 said.push(why);
@@ -406,16 +392,6 @@ impl fmt::Display for Case {
 /// Formats one significant digit with an exponent.
 fn one_digit(value: f64) -> String {
     if value == 0.0 { "0".into() } else { format!("{value:.0e}") }
-}
-
-impl Trial {
-    /// Returns the entry for the table of all cases.
-    fn word(&self) -> String {
-        match (&self.ending, &self.figures) {
-            (Ending::Gains(_), Some(figures)) => format!("x{:.2}", figures.energy_max),
-            (ending, _) => ending.word().into(),
-        }
-    }
 }
 
 impl Stability {
@@ -433,9 +409,13 @@ impl Stability {
         }
         let mut table = Table::new(&heads.iter().map(String::as_str).collect::<Vec<_>>());
         for case in &self.cases {
+            let word = |trial: &Trial| match (&trial.ending, &trial.figures) {
+                (Ending::Gains(_), Some(figures)) => format!("x{:.2}", figures.energy_max),
+                (ending, _) => ending.told().0.into(),
+            };
             let verdict = |method: &Method| {
                 let words: Vec<String> =
-                    case.trials.iter().filter(|t| t.method == *method).map(Trial::word).collect();
+                    case.trials.iter().filter(|trial| trial.method == *method).map(word).collect();
                 match &words[..] {
                     [] => "-".into(),
                     [one, others @ ..] if others.iter().all(|other| other == one) => one.clone(),

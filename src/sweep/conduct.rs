@@ -32,12 +32,9 @@ pub trait SweepRecord {
     fn done(&mut self, group: usize, row: &SweepRow, state: Option<&CarriedState>) -> Result<()>;
 }
 
-/// Finished run on its way to the record.
-struct Noted {
-    group: usize,
-    row: SweepRow,
-    state: Option<CarriedState>,
-}
+/// Finished run on its way to the record: its group, its row, and the state that the next run of
+/// the group starts from.
+type Noted = (usize, SweepRow, Option<CarriedState>);
 
 /// Runs of a group that are still to be made, each from the end of the one before.
 #[derive(Clone)]
@@ -100,7 +97,7 @@ pub fn conduct(
         }
         drop(sender);
         // A failed record drops the receiver, at which the threads stop.
-        for Noted { group, row, state } in receiver {
+        for (group, row, state) in receiver {
             record.done(group, &row, state.as_ref())?;
             rows.push(row);
         }
@@ -151,7 +148,7 @@ impl Conductor<'_> {
                     measures
                 });
                 let row = SweepRow::new(&group.runs[place], outcome.map_err(|why| why.to_string()));
-                finished.send(Noted { group: group.group, row, state: group.state.clone() }).ok()?;
+                finished.send((group.group, row, group.state.clone())).ok()?;
             }
         }
         Some(())

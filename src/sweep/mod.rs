@@ -23,7 +23,7 @@ pub use conduct::{Loader, SweepRecord, conduct, scene_at};
 pub use measures::{Measures, ProbeMeasures, repetition};
 #[cfg(feature = "petsc")]
 pub use on_ranks::RankedSweep;
-pub use pictures::{PICTURES, draw, figures};
+pub use pictures::{PICTURES, figures};
 pub use plan::{Direction, PlannedRun, groups};
 pub use prepared_run::CarriedState;
 pub use report::{CSV, JSON, ProbeHead, SweepReport, SweepRow};

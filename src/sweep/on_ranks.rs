@@ -94,7 +94,7 @@ impl RankedSweep<'_> {
     ) -> Result<Finished> {
         let (scene, sweep) = scene_at(self.sweep, self.load, &planned.values)?;
         let run = PreparedRun::new(scene, sweep, state, |scene| Model::distributed(scene, self.context))?;
-        let solver = run.solver();
+        let solver = run.model.solver(&run.scene);
         run.run_alone(&solver, stops)
     }
 }

@@ -1,14 +1,12 @@
 //! Pictures of a sweep: bifurcation diagram and response curves over one key, maps over two.
 
-use super::measures::{Measures, ProbeMeasures};
+use super::measures::Measures;
 use super::plan::Direction;
 use super::report::{ProbeHead, SweepReport, SweepRow};
-use crate::error::Result;
 use crate::geometry::range;
-use crate::output::plot::{Axis, Bar, Color, Curve, FOLDER, Figure, Panel, Ramp};
+use crate::output::plot::{Axis, Bar, Color, Curve, Figure, Panel, Ramp};
 use crate::scene::unit;
 use std::collections::BTreeSet;
-use std::path::Path;
 
 /// Names of the pictures, without their extensions.
 pub const PICTURES: [&str; 3] = ["bifurcation", "response", "map"];
@@ -22,18 +20,6 @@ const GRAIN: [f64; 2] = [1600.0, 800.0];
 /// Directions with their names and styles.
 const DIRECTIONS: [(Direction, &str); 3] =
     [(Direction::Apart, ""), (Direction::Up, "up"), (Direction::Down, "down")];
-
-/// Draws the pictures of a sweep into its folder, and returns their names.
-///
-/// # Errors
-/// Returns [`Error::Io`](crate::Error::Io) where a file cannot be written.
-pub fn draw(report: &SweepReport, folder: &Path) -> Result<Vec<&'static str>> {
-    let figures = figures(report);
-    let names = figures.iter().map(|(name, _)| *name).collect();
-    let placed = |(name, figure)| (folder.join(FOLDER).join(name), figure);
-    Figure::write_all(&figures.into_iter().map(placed).collect::<Vec<_>>())?;
-    Ok(names)
-}
 
 /// Returns the pictures of a sweep with their names.
 pub fn figures(report: &SweepReport) -> Vec<(&'static str, Figure)> {
@@ -116,7 +102,7 @@ type Quantity<'q> = (String, &'q str, Box<dyn Fn(&Measures) -> Option<f64> + 'q>
 fn quantities(report: &SweepReport, probes: usize, name: impl Fn(&ProbeHead) -> String) -> Vec<Quantity<'_>> {
     let mut quantities: Vec<Quantity> = Vec::new();
     for (index, probe) in report.probes.iter().take(probes).enumerate() {
-        let value = move |run: &Measures| run.probes.get(index).map(half_range);
+        let value = move |run: &Measures| run.probes.get(index).map(|probe| 0.5 * (probe.max - probe.min));
         quantities.push((name(probe), &probe.unit, Box::new(value)));
     }
     if report.has_contact {
@@ -147,10 +133,6 @@ fn response(report: &SweepReport) -> Figure {
         if index < last { panel.without_x_labels() } else { panel }
     };
     quantities.into_iter().enumerate().map(panel).fold(Figure::new(&report.title), Figure::panel)
-}
-
-fn half_range(probe: &ProbeMeasures) -> f64 {
-    0.5 * (probe.max - probe.min)
 }
 
 /// Plots measures over both keys, one panel per measure and direction.
@@ -208,6 +190,5 @@ fn edges(mut values: Vec<f64>) -> Vec<(f64, [f64; 2])> {
 
 /// Returns the colour of a share from 0, pale yellow, to 1, dark blue.
 fn shade(share: f64) -> Color {
-    let mix = |from: f64, to: f64| (from + share.clamp(0.0, 1.0) * (to - from)).round() as u8;
-    Color(mix(255.0, 8.0), mix(247.0, 48.0), mix(188.0, 107.0))
+    Color(255, 247, 188).towards(Color(8, 48, 107), share)
 }

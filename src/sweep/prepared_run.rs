@@ -2,16 +2,12 @@
 
 use super::measures::{Measures, PeriodRecorder};
 use crate::communicator::Communicator;
-#[cfg(feature = "petsc")]
-use crate::distributed::Distributed;
 use crate::energy::Energies;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Native};
 use crate::lock_step::SharedModes;
 use crate::scene::{Mass, Scene, SchemeSpec, SweepSpec};
 use crate::scheme::{NewmarkParameters, Solution, Start};
-#[cfg(feature = "petsc")]
-use crate::simulation::SolverFactory;
 use crate::simulation::{Model, StepMonitor};
 use serde::{Deserialize, Serialize};
 use std::cell::OnceCell;
@@ -167,13 +163,5 @@ impl<'m> Leader<'m> {
         timing(run).is_some()
             && timing(run) == timing(self.run)
             && self.shared().is_some_and(|shared| shared.fit(&run.model.system))
-    }
-}
-
-#[cfg(feature = "petsc")]
-impl PreparedRun<Distributed> {
-    /// Returns a factory of the contact solver that the scene names.
-    pub fn solver(&self) -> Box<SolverFactory<Distributed>> {
-        self.model.solver(&self.scene)
     }
 }

@@ -120,16 +120,15 @@ impl SweepReport {
         self.rows.iter().filter(|row| row.measures.is_none()).count()
     }
 
-    /// Returns the table with one line per run, in which every number reads back as the same `f64`.
-    pub fn csv(&self) -> String {
-        let columns = self.columns();
-        let heads = columns.heads().into_iter().map(quoted).collect::<Vec<_>>().join(",");
-        let line =
-            |row: &SweepRow| columns.row(row).iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",");
-        std::iter::once(heads).chain(self.rows.iter().map(line)).map(|line| line + "\n").collect()
+    /// Returns the table as CSV.
+    fn csv(&self) -> String {
+        let line = |cells: &Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",");
+        self.lines().iter().map(|cells| line(cells) + "\n").collect()
     }
 
-    fn columns(&self) -> TableColumns<'_, SweepRow> {
+    /// Returns the heads of the table and a line per run, in which every number reads back as the
+    /// same `f64`.
+    pub fn lines(&self) -> Vec<Vec<String>> {
         let mut columns = TableColumns::default();
         for (key, name) in self.keys.iter().enumerate() {
             columns.add(name, move |row: &SweepRow| format!("{:?}", row.values[key]));
@@ -155,7 +154,8 @@ impl SweepReport {
         columns.measure("work", |run| Some(number(&run.work)));
         columns.measure("loss", |run| Some(number(&run.loss)));
         columns.add("failure", |row| row.failure.clone().unwrap_or_default());
-        columns
+        let heads = columns.heads().into_iter().map(str::to_owned).collect();
+        std::iter::once(heads).chain(self.rows.iter().map(|row| columns.row(row))).collect()
     }
 }
 

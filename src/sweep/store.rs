@@ -11,11 +11,11 @@ use crate::archive;
 use crate::error::{Error, Result};
 use crate::input;
 use crate::output::claim::refuse_foreign;
-use crate::output::{plot, remove, report, write_atomic};
+use crate::output::{if_there, plot, remove, report, write_atomic};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, ErrorKind, Write as _};
+use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
 /// Name of the file of finished runs.
@@ -49,11 +49,7 @@ impl SweepStore {
         let path = folder.join(ROWS);
         let read =
             |path: &Path| input::open_plain(File::options().read(true), path).and_then(io::read_to_string);
-        let text = match read(&path) {
-            Ok(text) if !overwrite => text,
-            Err(why) if why.kind() != ErrorKind::NotFound => return Err(Error::io(path)(why)),
-            _ => String::new(),
-        };
+        let text = if_there(&path, read(&path))?.filter(|_| !overwrite).unwrap_or_default();
         let (head, stored) = (head(hash), rows_of(&text));
         if stored.as_ref().is_some_and(|(first, _)| *first != head) {
             return Err(Error::Usage(format!(
@@ -103,7 +99,8 @@ impl SweepStore {
     fn read_states(&mut self) -> Result<()> {
         for (group, path) in self.state_paths() {
             let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
-            let saved: (SweepRowBytes, CarriedState) = archive::from_bytes(&bytes)?;
+            // The row is JSON, which keeps its optional entries.
+            let saved: (Vec<u8>, CarriedState) = archive::from_bytes(&bytes)?;
             if let Ok(row) = serde_json::from_slice::<SweepRow>(&saved.0) {
                 self.states.insert(group, saved.1);
                 if self.known.insert(row.index, row.clone()).is_none() {
@@ -184,9 +181,6 @@ fn rows_of(text: &str) -> Option<(String, Vec<SweepRow>)> {
 fn paths_between(folder: &Path, before: &str, after: &str) -> Vec<(usize, PathBuf)> {
     input::files_of(folder, |name| name.strip_prefix(before)?.strip_suffix(after)?.parse().ok())
 }
-
-/// Row as JSON, which keeps its optional entries.
-type SweepRowBytes = Vec<u8>;
 
 fn line(row: &SweepRow) -> String {
     serde_json::to_string(row).unwrap_or_default() + "\n"

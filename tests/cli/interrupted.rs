@@ -264,7 +264,7 @@ fn damage_is_never_taken_for_a_checkpoint() {
 
     // The checkpoint before is used.
     fs::write(newest, &bytes[..bytes.len() / 2]).unwrap();
-    let (read, damaged) = Checkpoint::newest(&run).unwrap();
+    let (read, damaged) = Checkpoint::newest(&run, false).unwrap();
     assert_eq!((read, damaged.len()), (Checkpoint::from_bytes(&bytes).unwrap(), 1));
     let mut resumed = start(&folder, &["resume", "run"]);
     // The run writes this checkpoint again, and later removes it in favour of newer ones.

@@ -148,7 +148,7 @@ fn norms_are_those_of_the_scenes_sections() {
     let sections = simulation::sections(&scene, &mesh).unwrap();
     let metric = Metric::new(&mesh, &space, &sections).unwrap();
     let points = Points::new(&mesh, &sections).unwrap();
-    let sampler = Sampler::new(&mesh, &space, points.at()).unwrap();
+    let sampler = Sampler::new(&mesh, &space, &points.at).unwrap();
     let mut random = Random::new(7);
     let [a, b]: [Vec<f64>; 2] = std::array::from_fn(|_| (0..space.dofs()).map(|_| random.signed()).collect());
     let by_matrices = metric.distance(&a, &b).unwrap();
@@ -178,8 +178,8 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
         let mixed = PI * PI * (PI * p.x).cos() * (PI * p.y).cos();
         [exact(*p), -PI * PI * exact(*p), mixed, -PI * PI * exact(*p)]
     };
-    let expected: Vec<Jet> = points.at().iter().map(jet).collect();
-    let own = Sampler::new(mesh, space, points.at()).unwrap().jets(&load);
+    let expected: Vec<Jet> = points.at.iter().map(jet).collect();
+    let own = Sampler::new(mesh, space, &points.at).unwrap().jets(&load);
     let norms = points.distance(&own, &expected);
     [norms.l2, norms.energy]
 }

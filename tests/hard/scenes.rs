@@ -44,7 +44,7 @@ fn judge(name: &str, trial: &Trial) {
     let what = format!("{name}, {}, {}: {trial:?}", trial.mesh, trial.method);
     assert!(!matches!(trial.ending, Ending::Fails(_)), "{what}");
     if let Some(word) = expected(name, trial) {
-        assert_eq!(trial.ending.word(), word, "{what}");
+        assert_eq!(trial.ending.told().0, word, "{what}");
     }
     if let Some(figures) = &trial.figures {
         assert!(figures.worst_kkt <= 1e-10 && figures.penetration <= 1e-12, "{what}");
@@ -52,7 +52,7 @@ fn judge(name: &str, trial: &Trial) {
     // The message names the scheme that is unstable by nature, and one that is stable.
     if trial.method.mass == Mass::Consistent
         && matches!(trial.method.scheme, SchemeSpec::Midpoint { .. })
-        && let Some(why) = trial.ending.why()
+        && let Some(why) = trial.ending.told().1
     {
         assert!(why.contains("midpoint") && why.contains("time.mass = \"singular\""), "{what}");
     }

@@ -1,6 +1,7 @@
 //! Axes with their ranges, ticks and units.
 
 use crate::geometry::range;
+use crate::output::text;
 
 /// Largest magnitude that counts as finite; its inverse is the smallest range that counts.
 const GREATEST: f64 = 1e100;
@@ -30,9 +31,7 @@ pub struct Axis {
     per: f64,
     /// Margin at both ends, relative to the range.
     pad: f64,
-    /// Whether ticks are at whole numbers only.
-    is_whole: bool,
-    /// Names of the values 1, 2, ..., if they have any.
+    /// Names of the values 1, 2, ..., if they have any; ticks are then at whole numbers only.
     names: Vec<String>,
     /// Magnitude that chooses the SI prefix, where it is not that of the axis itself.
     magnitude: Option<f64>,
@@ -66,14 +65,9 @@ impl Axis {
         Axis { pad: 0.0, ..self }
     }
 
-    /// Restricts ticks to whole numbers.
-    pub fn whole(self) -> Axis {
-        Axis { is_whole: true, ..self }
-    }
-
     /// Labels the values 1, 2, ... by names.
     pub fn named(self, names: impl IntoIterator<Item = String>) -> Axis {
-        Axis { names: names.into_iter().collect(), ..self.whole() }
+        Axis { names: names.into_iter().collect(), ..self }
     }
 
     /// Counts the axis in multiples of `unit` of the data.
@@ -127,7 +121,7 @@ impl Axis {
                 step = round_step(0.4 * step);
             }
         }
-        if self.is_whole {
+        if !self.names.is_empty() {
             step = step.max(1.0 / unit);
         }
         let decimals = (-step.log10() - slack).ceil().max(0.0) as usize;
@@ -214,13 +208,9 @@ pub(super) fn unit(symbol: &str, magnitude: f64) -> (String, f64) {
     (prefixed(symbol, exponent), 10f64.powi(exponent))
 }
 
-/// Formats two significant digits.
+/// Formats two significant digits for a picture.
 pub fn short(value: f64) -> String {
-    if value == 0.0 || !value.is_finite() {
-        return value.to_string();
-    }
-    let digit = 10f64.powf(value.abs().log10().floor() - 1.0);
-    crate::output::text::significant((value / digit).round() * digit).replace('-', "\u{2212}")
+    text::short(value).replace('-', "\u{2212}")
 }
 
 /// Axis with fixed ends and ticks.
@@ -290,13 +280,8 @@ fn times_power_of_ten(digit: i32, exponent: i32) -> String {
 }
 
 fn power_of_ten(exponent: i32) -> String {
-    let superscript = |c| match c {
-        '-' => '⁻',
-        '1' => '¹',
-        '2' => '²',
-        '3' => '³',
-        digit => char::from_u32('⁰' as u32 + digit as u32 - '0' as u32).unwrap_or(digit),
-    };
+    const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
+    let superscript = |c: char| c.to_digit(10).map_or('⁻', |digit| DIGITS[digit as usize]);
     match exponent {
         0 => "1".to_owned(),
         1 => "10".to_owned(),

@@ -77,19 +77,20 @@ impl Figure {
         write_both(path, &self.svg())
     }
 
-    /// Writes figures as [`Figure::write`] does, several at once.
+    /// Writes figures with their names into a folder as [`Figure::write`] does, several at once.
+    /// Returns the names of the files, one line for each figure.
     ///
     /// # Errors
     /// Returns [`Error::Io`] where a file cannot be written.
-    pub fn write_all(figures: &[(PathBuf, Figure)]) -> Result<()> {
-        let drawn: Vec<(&Path, String)> =
-            figures.iter().map(|(path, figure)| (path.as_path(), figure.svg())).collect();
+    pub fn write_all(folder: &Path, figures: &[(impl AsRef<Path>, Figure)]) -> Result<String> {
+        let drawn: Vec<(PathBuf, String)> =
+            figures.iter().map(|(name, figure)| (folder.join(name), figure.svg())).collect();
         let next = AtomicUsize::new(0);
         let write = || {
             while let Some((path, svg)) = drawn.get(next.fetch_add(1, Ordering::Relaxed)) {
                 write_both(path, svg)?;
             }
-            Ok(())
+            Ok::<_, Error>(())
         };
         let count = thread::available_parallelism().map_or(1, NonZero::get).min(drawn.len());
         thread::scope(|scope| {
@@ -100,7 +101,8 @@ impl Figure {
             let mut others =
                 threads.into_iter().map(|thread| thread.join().unwrap_or_else(|why| resume_unwind(why)));
             others.try_for_each(|other| other).and(result)
-        })
+        })?;
+        Ok(drawn.iter().map(|(path, _)| format!("{}.svg, .png\n", path.display())).collect())
     }
 
     /// Returns width and height and three bytes per pixel, row by row, at a number of pixels per

@@ -15,19 +15,25 @@ const COLORS: [Color; 7] = [
 ];
 /// Dash patterns, distinct without colours.
 const DASHES: [&[f64]; 5] = [&[], &[4.0, 2.0], &[5.0, 1.6, 1.0, 1.6], &[8.0, 2.2], &[1.0, 1.4]];
-const MARKERS: [Marker; 6] =
-    [Marker::Circle, Marker::Square, Marker::Triangle, Marker::Diamond, Marker::Cross, Marker::Plus];
+/// Circle, square, triangle, diamond, cross and plus.
+const MARKERS: [Marker; 6] = [
+    Marker::Circle,
+    Marker::Body(&[[-0.88, -0.88], [0.88, -0.88], [0.88, 0.88], [-0.88, 0.88]]),
+    Marker::Body(&[[0.0, -1.2], [1.1, 0.8], [-1.1, 0.8]]),
+    Marker::Body(&[[0.0, -1.25], [1.25, 0.0], [0.0, 1.25], [-1.25, 0.0]]),
+    Marker::Lines([[1.0, 1.0], [1.0, -1.0]]),
+    Marker::Lines([[1.3, 0.0], [0.0, 1.3]]),
+];
 
-/// Symbol at each point of a curve.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)]
-pub enum Marker {
+/// Symbol at each point of a curve, for a circle of radius 1.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Marker {
+    /// Circle.
     Circle,
-    Square,
-    Triangle,
-    Diamond,
-    Cross,
-    Plus,
+    /// Closed shape with these corners.
+    Body(&'static [[f64; 2]]),
+    /// Lines through the point, each to this end and as far beyond.
+    Lines([[f64; 2]; 2]),
 }
 
 /// A curve, a set of marks, or both.
@@ -93,12 +99,6 @@ impl Curve {
     pub fn marks(mut self, index: usize) -> Curve {
         self.marker = Some(MARKERS[index % MARKERS.len()]);
         self.is_open = index / MARKERS.len() % 2 == 1;
-        self
-    }
-
-    /// Makes the markers hollow.
-    pub fn open(mut self) -> Curve {
-        self.is_open = true;
         self
     }
 
@@ -205,9 +205,8 @@ pub struct Panel {
     pub(super) band: Option<String>,
     pub(super) bars: Vec<Bar>,
     pub(super) ramp: Option<Ramp>,
-    pub(super) rules: Vec<([Option<f64>; 2], String)>,
+    pub(super) rules: Vec<(f64, String)>,
     pub(super) slopes: Vec<(f64, [f64; 2])>,
-    pub(super) labels: Vec<([f64; 2], String)>,
     pub(super) drawing: Option<Drawing>,
 }
 
@@ -275,25 +274,13 @@ impl Panel {
 
     /// Adds a thin vertical line with a remark at its upper end.
     pub fn rule_at_x(mut self, x: f64, remark: impl Into<String>) -> Panel {
-        self.rules.push(([Some(x), None], remark.into()));
-        self
-    }
-
-    /// Adds a thin horizontal line with a remark at its right end.
-    pub fn rule_at_y(mut self, y: f64, remark: impl Into<String>) -> Panel {
-        self.rules.push(([None, Some(y)], remark.into()));
+        self.rules.push((x, remark.into()));
         self
     }
 
     /// Adds the line y ~ x^order through a point on logarithmic axes, labelled with its order.
     pub fn slope(mut self, order: f64, through: [f64; 2]) -> Panel {
         self.slopes.push((order, through));
-        self
-    }
-
-    /// Adds a remark to the right of a point.
-    pub fn remark(mut self, place: [f64; 2], text: impl Into<String>) -> Panel {
-        self.labels.push((place, text.into()));
         self
     }
 

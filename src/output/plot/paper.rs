@@ -207,7 +207,7 @@ impl Canvas {
         Type { size, bold, color, halo }: Type,
         anchor: Anchor,
     ) {
-        let (size, text) = (number(size), escaped(text));
+        let (size, text) = (number(size), escaped(&text.replace(char::is_control, "")));
         let anchor = format!("{anchor:?}").to_lowercase();
         let weight = if bold { " font-weight=\"bold\"" } else { "" };
         let halo = if halo { " stroke=\"#FFFFFF\" stroke-width=\"1.6\" paint-order=\"stroke\"" } else { "" };
@@ -268,28 +268,24 @@ pub(super) fn encoder(bytes: &mut Vec<u8>, [width, height]: [u32; 2]) -> Encoder
     encoder
 }
 
-/// Renders an SVG of [`Canvas`]. Returns width and height and three bytes per pixel, row by row.
+/// Renders an SVG of [`Canvas`] at `scale` times its size in pixels. Returns width and height and
+/// three bytes per pixel, row by row.
 pub(super) fn rgb(svg: &str, scale: f32, path: &Path) -> Result<([u32; 2], Vec<u8>)> {
-    let pixels = pixels(svg, scale, path)?;
-    // The canvas is opaque, so that colours need not be divided by their opacity.
-    let rgb = pixels.data().chunks_exact(4).flat_map(|rgba| [rgba[0], rgba[1], rgba[2]]).collect();
-    Ok(([pixels.width(), pixels.height()], rgb))
-}
-
-fn failed(path: &Path, why: &dyn std::fmt::Display) -> Error {
-    Error::io(path)(io::Error::other(why.to_string()))
-}
-
-/// Renders an SVG at `scale` times its size in pixels.
-fn pixels(svg: &str, scale: f32, path: &Path) -> Result<Pixmap> {
     let options =
         Options { fontdb: FONT_DATABASE.clone(), font_family: "DejaVu Sans".into(), ..Options::default() };
     let tree = Tree::from_str(svg, &options).map_err(|why| failed(path, &why))?;
     let size = tree.size();
-    let [width, height] = [size.width(), size.height()].map(|length| (length * scale).round() as u32);
-    let mut pixels = Pixmap::new(width, height).ok_or_else(|| failed(path, &"the picture is too large"))?;
+    let size = [size.width(), size.height()].map(|length| (length * scale).round() as u32);
+    let mut pixels =
+        Pixmap::new(size[0], size[1]).ok_or_else(|| failed(path, &"the picture is too large"))?;
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
-    Ok(pixels)
+    // The canvas is opaque, so that colours need not be divided by their opacity.
+    let rgb = pixels.data().chunks_exact(4).flat_map(|rgba| [rgba[0], rgba[1], rgba[2]]).collect();
+    Ok((size, rgb))
+}
+
+fn failed(path: &Path, why: &dyn std::fmt::Display) -> Error {
+    Error::io(path)(io::Error::other(why.to_string()))
 }
 
 fn stroke(Pen { color, dashes, width }: Pen) -> String {
@@ -313,16 +309,7 @@ fn number(value: f64) -> String {
     if text == "-0" { "0".to_owned() } else { text.to_owned() }
 }
 
-fn escaped(text: &str) -> String {
-    let visible = text.chars().filter(|c| !c.is_control());
-    let mut escaped = String::new();
-    for c in visible {
-        match c {
-            '&' => escaped += "&amp;",
-            '<' => escaped += "&lt;",
-            '>' => escaped += "&gt;",
-            c => escaped.push(c),
-        }
-    }
-    escaped
+/// Escapes a text for XML, outside attributes.
+pub(in crate::output) fn escaped(text: &str) -> String {
+    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }

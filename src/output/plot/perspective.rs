@@ -7,10 +7,10 @@ use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp};
 use crate::geometry::range;
 use crate::output::text::significant;
-use crate::output::vtu::{Surface, held_points};
+use crate::output::vtu::{Surface, boundary, held_points};
 
 /// Largest number of snapshots in a figure.
-const MOST: usize = 6;
+pub const MOST: usize = 6;
 /// Viewing direction: rotation about the vertical and elevation, in radians.
 const TURN: f64 = -0.60;
 const RISE: f64 = 0.42;
@@ -36,12 +36,7 @@ const TALLEST: f64 = 10.0 / 9.0;
 
 type Space = [f64; 3];
 
-/// Returns evenly chosen entries, including the first and the last.
-pub fn chosen<T>(items: &[T]) -> Vec<&T> {
-    spread(items, MOST)
-}
-
-/// Returns at most `most` entries like [`chosen`].
+/// Returns at most `most` evenly chosen entries, including the first and the last.
 pub fn spread<T>(items: &[T], most: usize) -> Vec<&T> {
     let count = items.len().min(most);
     (0..count).map(|i| &items[if count > 1 { i * (items.len() - 1) / (count - 1) } else { 0 }]).collect()
@@ -180,8 +175,8 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
 fn held(snapshots: &[(f64, Surface)]) -> Vec<[[f64; 2]; 2]> {
     let Some((_, first)) = snapshots.first() else { return Vec::new() };
     let held = held_points(snapshots.iter().map(|(_, surface)| &*surface.deflection));
-    let border = first.boundary(&first.cells.iter().collect::<Vec<_>>()).into_iter();
-    border
+    boundary(&first.cells)
+        .into_iter()
         .filter(|side| side.iter().all(|&point| held[point]))
         .map(|[a, b]| {
             let [a, b] = [first.points[a], first.points[b]];
@@ -228,7 +223,7 @@ impl Wall {
         let stops = (0..heights.len()).filter(|point| is_wall(point) && !is_met[*point]);
         Wall {
             stops: stops.map(place).collect(),
-            edges: surface.boundary(&faces).into_iter().map(|side| side.map(place)).collect(),
+            edges: boundary(faces.iter().copied()).into_iter().map(|side| side.map(place)).collect(),
             faces: faces.into_iter().map(|face| face.iter().map(|&point| place(point)).collect()).collect(),
         }
     }

@@ -77,20 +77,10 @@ impl Panel {
                     paper.rectangle(a, [b[0].max(a[0] + 0.4), b[1].max(a[1] + 0.3)], bar.color);
                 }
             }
-            for (place, remark) in &self.rules {
-                match place {
-                    [Some(x), _] => {
-                        let Some(x) = at_x(*x).filter(within(left, right)) else { continue };
-                        paper.line([x, top], [x, bottom], RULE);
-                        draw_beside(paper, remark, [x, top + 0.7 * REMARK.line()], 2.0, right);
-                    }
-                    [_, Some(y)] => {
-                        let Some(y) = at_y(*y).filter(within(top, bottom)) else { continue };
-                        paper.line([left, y], [right, y], RULE);
-                        paper.text(remark, [right - 4.0, y - 0.55 * REMARK.line()], REMARK, Anchor::End);
-                    }
-                    [None, None] => {}
-                }
+            for (x, remark) in &self.rules {
+                let Some(x) = at_x(*x).filter(within(left, right)) else { continue };
+                paper.line([x, top], [x, bottom], RULE);
+                draw_beside(paper, remark, [x, top + 0.7 * REMARK.line()], right);
             }
             for &(order, [x0, y0]) in &self.slopes {
                 let line = |x: f64| drawn([x, y0 * (x / x0).powf(order)]);
@@ -121,10 +111,6 @@ impl Panel {
             let is_inside = |point: &At| within(left, right)(&point[0]) && within(top, bottom)(&point[1]);
             let places = curve.points.iter().filter_map(|&point| drawn(point)).filter(is_inside);
             draw_markers(paper, &places.collect::<Vec<_>>(), marker, curve);
-        }
-        for (place, text) in &self.labels {
-            let Some([x, y]) = drawn(*place).filter(|point| within(left, right)(&point[0])) else { continue };
-            draw_beside(paper, text, [x, y - 0.5 * REMARK.line()], 3.0, right);
         }
         if self.bars.is_empty() && strokes.iter().all(|stroke| stroke.lines.is_empty()) {
             paper.text("no data", [0.5 * (left + right), 0.5 * (top + bottom)], LABEL, Anchor::Middle);
@@ -192,11 +178,10 @@ pub(super) fn draw_solid(paper: &mut Canvas, [left, y]: At, [right, end]: At, de
     }
 }
 
-/// Draws a remark at a distance to the right of a place, or to its left where it would go beyond
-/// `right`.
-fn draw_beside(paper: &mut Canvas, remark: &str, [x, y]: At, apart: f64, right: f64) {
-    let is_late = x + REMARK.width(remark) + apart + 1.0 > right;
-    let (x, anchor) = if is_late { (x - apart, Anchor::End) } else { (x + apart, Anchor::Start) };
+/// Draws a remark to the right of a place, or to its left where it would go beyond `right`.
+fn draw_beside(paper: &mut Canvas, remark: &str, [x, y]: At, right: f64) {
+    let is_late = x + REMARK.width(remark) + 3.0 > right;
+    let (x, anchor) = if is_late { (x - 2.0, Anchor::End) } else { (x + 2.0, Anchor::Start) };
     paper.text(remark, [x, y], REMARK, anchor);
 }
 
@@ -217,31 +202,21 @@ pub(super) fn draw_markers(paper: &mut Canvas, places: &[At], marker: Marker, cu
     let pen = Pen::solid(curve.pen.color, 0.8);
     let fill = if curve.is_open { Color::WHITE } else { curve.pen.color };
     let r = MARKER * curve.size;
-    if marker == Marker::Circle && !curve.is_open {
+    if matches!(marker, Marker::Circle) && !curve.is_open {
         return paper.discs(places, r + 0.5 * pen.width, fill);
     }
     for &[x, y] in places {
-        let shape = |points: &[At]| points.iter().map(|[a, b]| [x + r * a, y + r * b]).collect::<Vec<At>>();
-        let line = |[a, b]: At| [[x - r * a, y - r * b], [x + r * a, y + r * b]];
-        let body: &[At] = match marker {
-            Marker::Circle => {
-                paper.circle([x, y], r, fill, Some(pen));
-                continue;
+        let shifted = |[a, b]: At, r: f64| [x + r * a, y + r * b];
+        match marker {
+            Marker::Circle => paper.circle([x, y], r, fill, Some(pen)),
+            Marker::Body(corners) => {
+                let corners: Vec<At> = corners.iter().map(|&corner| shifted(corner, r)).collect();
+                paper.polygon(&corners, fill, Some(pen));
             }
-            Marker::Cross | Marker::Plus => {
-                let ends = if marker == Marker::Cross {
-                    [[1.0, 1.0], [1.0, -1.0]]
-                } else {
-                    [[1.3, 0.0], [0.0, 1.3]]
-                };
-                ends.map(line).into_iter().for_each(|[from, to]| paper.line(from, to, pen));
-                continue;
+            Marker::Lines(ends) => {
+                ends.iter().for_each(|&end| paper.line(shifted(end, -r), shifted(end, r), pen));
             }
-            Marker::Square => &[[-0.88, -0.88], [0.88, -0.88], [0.88, 0.88], [-0.88, 0.88]],
-            Marker::Triangle => &[[0.0, -1.2], [1.1, 0.8], [-1.1, 0.8]],
-            Marker::Diamond => &[[0.0, -1.25], [1.25, 0.0], [0.0, 1.25], [-1.25, 0.0]],
-        };
-        paper.polygon(&shape(body), fill, Some(pen));
+        }
     }
 }
 

@@ -3,10 +3,10 @@
 use super::blob::PageData;
 use crate::error::{Error, Result};
 use crate::geometry::range;
-use crate::output::plot::coarse;
-use crate::output::vtu::{self, Surface};
+use crate::output::plot::{coarse, perspective};
+use crate::output::vtu::{self, Surface, boundary};
 use serde_json::{Value, json};
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::path::PathBuf;
 
 /// Largest number of frames of a page.
@@ -47,11 +47,10 @@ impl Frames {
         let shown = ShownPoints::of(&first);
         let fields = if first.von_mises.is_empty() { 1 } else { 2 };
         let most = MOST_VALUES / (fields * shown.points.len().max(1));
-        let most = most.clamp(LEAST_FRAMES, MOST_FRAMES).min(index.len());
+        let most = most.clamp(LEAST_FRAMES, MOST_FRAMES);
         let (snapshots, points_of_snapshot) = (index.len(), first.points.len());
         let mut frames = Frames { snapshots, points_of_snapshot, shown, ..Frames::default() };
-        for i in 0..most {
-            let (time, path) = &index[if most > 1 { i * (index.len() - 1) / (most - 1) } else { 0 }];
+        for (time, path) in perspective::spread(index, most) {
             let surface = vtu::read(path)?;
             let same = |a: &[f64], b: &[f64]| a.is_empty() == b.is_empty();
             if surface.points != first.points || !same(&surface.von_mises, &first.von_mises) {
@@ -188,7 +187,13 @@ impl ShownPoints {
             points.iter().enumerate().map(|(i, &point)| (point, i as u32)).collect();
         let face = |cell: &Vec<usize>| cell.iter().map(|&point| shown[&number(point)]).collect();
         let faces: Vec<Vec<u32>> = coarse.cells.iter().map(face).collect();
-        let (edges, border) = lines(&faces, &coarse.parents);
+        // Without parents the faces are no cells of a mesh, and there is the border only.
+        let mut of_parents: BTreeMap<Option<&usize>, Vec<&Vec<u32>>> = BTreeMap::new();
+        for (number, face) in faces.iter().enumerate() {
+            of_parents.entry(coarse.parents.get(number)).or_default().push(face);
+        }
+        let edges: BTreeSet<[u32; 2]> = of_parents.into_values().flat_map(boundary).collect();
+        let (edges, border) = (edges.into_iter().collect(), boundary(&faces));
         let places = points.iter().map(|&point| surface.points[point]).collect();
         ShownPoints { places, points, faces, edges, border, shown }
     }
@@ -212,23 +217,4 @@ fn sort_by_place(points: &mut [usize], places: &[[f64; 2]]) {
     let strip = 0.7 * ((right - left) * (back - front) / points.len() as f64).sqrt();
     let row = |point: usize| if strip > 0.0 { ((places[point][1] - front) / strip).round() } else { 0.0 };
     points.sort_by(|&a, &b| row(a).total_cmp(&row(b)).then(places[a][0].total_cmp(&places[b][0])));
-}
-
-/// Returns the sides between faces of different cells of the mesh with the border, and the border.
-///
-/// Without `parents` the faces are no cells of a mesh, and there is the border only.
-fn lines(faces: &[Vec<u32>], parents: &[usize]) -> (Vec<[u32; 2]>, Vec<[u32; 2]>) {
-    let mut sides: BTreeMap<[u32; 2], (usize, usize, bool)> = BTreeMap::new();
-    for (number, face) in faces.iter().enumerate() {
-        let parent = parents.get(number).copied().unwrap_or_default();
-        for (i, &a) in face.iter().enumerate() {
-            let b = face[(i + 1) % face.len()];
-            let side = sides.entry([a.min(b), a.max(b)]).or_insert((0, parent, false));
-            *side = (side.0 + 1, side.1, side.2 || side.1 != parent);
-        }
-    }
-    let border = sides.iter().filter(|(_, (count, ..))| *count == 1);
-    let border: Vec<[u32; 2]> = border.map(|(side, _)| *side).collect();
-    let edges = sides.iter().filter(|(_, (count, _, differ))| *count == 1 || *differ);
-    (edges.map(|(side, _)| *side).collect(), border)
 }

@@ -1,7 +1,8 @@
 //! Sections of the page as HTML.
 
-use super::contents::ReportContents;
+use super::frames::Frames;
 use crate::output::contacts::Contact;
+use crate::output::plot;
 use crate::output::text::{grouped, significant};
 use crate::scene::unit;
 use serde_json::Value;
@@ -32,17 +33,7 @@ const PARTS: [(&str, &str); 18] = [
 
 /// Escapes a text for HTML and its attributes.
 pub(super) fn escaped(text: &str) -> String {
-    let mut safe = String::with_capacity(text.len());
-    for c in text.chars() {
-        match c {
-            '&' => safe += "&amp;",
-            '<' => safe += "&lt;",
-            '>' => safe += "&gt;",
-            '"' => safe += "&quot;",
-            c => safe.push(c),
-        }
-    }
-    safe
+    plot::escaped(text).replace('"', "&quot;")
 }
 
 /// Returns a section of the page with its heading, which has the name `h-` and the section's.
@@ -130,9 +121,11 @@ fn described(value: &Value, key: &str) -> String {
 
 /// Returns the key numbers and the warnings of a run.
 pub(super) fn numbers(summary: &Value) -> String {
-    let mut cards: Vec<(String, String)> = Vec::new();
+    let mut cards = String::new();
     let mut card = |title: &str, value: Option<String>| {
-        cards.extend(value.map(|value| (title.to_owned(), value)));
+        let Some(value) = value else { return };
+        let (title, value) = (escaped(title), escaped(value.trim_end()));
+        cards += &format!("<div><dt>{title}</dt><dd>{value}</dd></div>\n");
     };
     let count = |key: &str| summary[key].as_u64().map(grouped);
     // A number and its unit stay on one line.
@@ -167,10 +160,6 @@ pub(super) fn numbers(summary: &Value) -> String {
     card("worst penetration", with_unit(&summary["worst_penetration"], "m").filter(|_| impact.is_object()));
     card("time of the steps", with_unit(&summary["seconds"]["stepping"], "s"));
 
-    let card = |(title, value): &(String, String)| {
-        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(title), escaped(value.trim_end()))
-    };
-    let cards: String = cards.iter().map(card).collect();
     let warning = |text| format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text));
     let mut warnings: String = texts(&summary["warnings"]).map(warning).collect();
     if warnings.is_empty() {
@@ -180,9 +169,9 @@ pub(super) fn numbers(summary: &Value) -> String {
 }
 
 /// Returns the view of the moving plate, or how to get one; `colors` describes its quantities.
-pub(super) fn view(contents: &ReportContents, colors: &Value) -> String {
-    let Some(frames) = contents.frames else {
-        let steps = contents.summary["steps"].as_u64().unwrap_or(0);
+pub(super) fn view(summary: &Value, frames: Option<&Frames>, colors: &Value) -> String {
+    let Some(frames) = frames else {
+        let steps = summary["steps"].as_u64().unwrap_or(0);
         let words = format!(
             "<p>This run wrote no snapshots, so that there is no moving view. \
              <code>rebond run scene.toml --set output.fields_every={}</code> writes about 300 of them.</p>",
@@ -237,9 +226,9 @@ pub(super) fn charts(shown: usize, rows: usize) -> String {
     section("series", "live", "Over time", &words)
 }
 
-/// Returns the table of contacts.
-pub(super) fn contacts(contents: &ReportContents) -> String {
-    let body = match contents.contacts {
+/// Returns the table of contacts; `None` is for a scene without obstacles.
+pub(super) fn contacts(contacts: Option<&[Contact]>) -> String {
+    let body = match contacts {
         None => "<p>The scene has neither obstacles nor balls.</p>".to_owned(),
         Some([]) => "<p>Nothing touched.</p>".to_owned(),
         Some(contacts) => contact_table(contacts),

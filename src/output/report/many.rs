@@ -61,18 +61,16 @@ pub struct RunTable {
 }
 
 impl RunTable {
-    /// Reads a table in CSV, of which only the columns that `is_shown` accepts are kept, and of
-    /// these the ones that have a value in some row.
-    pub fn of_csv(heading: &str, csv: &str, is_shown: impl Fn(&str) -> bool) -> RunTable {
-        let mut lines = csv.lines().map(cells);
-        let heads = lines.next().unwrap_or_default();
-        let rows: Vec<Vec<String>> = lines.collect();
+    /// Creates a table from its heads and its rows, of whose columns only those that `is_shown`
+    /// accepts are kept, and of these the ones that have a value in some row.
+    pub fn new(heading: &str, lines: &[Vec<String>], is_shown: impl Fn(&str) -> bool) -> RunTable {
+        let (heads, rows) = lines.split_first().unwrap_or((const { &Vec::new() }, &[]));
         let has_value = |column: usize| rows.iter().any(|row| row.get(column).is_some_and(|c| !c.is_empty()));
         let kept: Vec<usize> =
             (0..heads.len()).filter(|&column| is_shown(&heads[column]) && has_value(column)).collect();
         let taken =
             |row: &Vec<String>| kept.iter().map(|&c| row.get(c).cloned().unwrap_or_default()).collect();
-        RunTable { heading: heading.to_owned(), heads: taken(&heads), rows: rows.iter().map(taken).collect() }
+        RunTable { heading: heading.to_owned(), heads: taken(heads), rows: rows.iter().map(taken).collect() }
     }
 
     /// Returns the table as HTML. Words sort alphabetically, and empty cells come last.
@@ -106,26 +104,6 @@ impl RunTable {
         };
         section(id, "", &escaped(&self.heading), &(cut + &sortable(id, &heads, &rows)))
     }
-}
-
-/// Returns the cells of a line of CSV.
-fn cells(line: &str) -> Vec<String> {
-    let mut cells = vec![String::new()];
-    let mut is_quoted = false;
-    let mut letters = line.chars().peekable();
-    while let Some(c) = letters.next() {
-        let last = cells.last_mut().expect("there is a cell from the start");
-        match c {
-            '"' if is_quoted && letters.peek() == Some(&'"') => {
-                last.push('"');
-                letters.next();
-            }
-            '"' => is_quoted = !is_quoted,
-            ',' if !is_quoted => cells.push(String::new()),
-            c => last.push(c),
-        }
-    }
-    cells
 }
 
 /// Returns the page of a sweep or a study.
@@ -165,11 +143,12 @@ mod tests {
 
     #[test]
     fn tables_keep_columns_with_values() {
-        let csv = "a,b,c,failure\n1.5,,x,\n2,,\"y, \"\"z\"\"\",\"no, really\"\n";
-        let table = RunTable::of_csv("Runs", csv, |head| head != "failure");
+        let lines = [["a", "b", "c", "failure"], ["1.5", "", "x", ""], ["2", "", "y, \"z\"", "no, really"]];
+        let lines = lines.map(|line| line.map(str::to_owned).to_vec());
+        let table = RunTable::new("Runs", &lines, |head| head != "failure");
         assert_eq!(table.heads, ["a", "c"]);
         assert_eq!(table.rows, [["1.5", "x"], ["2", "y, \"z\""]]);
-        let html = RunTable::of_csv("Runs", csv, |_| true).html("t");
+        let html = RunTable::new("Runs", &lines, |_| true).html("t");
         assert!(html.contains("<td data-v=\"1.5\">1.5</td>"), "{html}");
         assert!(html.contains("<td class=\"words\" data-v=\"1\">y, &quot;z&quot;</td>"), "{html}");
         assert!(html.contains("<th class=\"words\" scope=\"col\">c</th>"), "{html}");

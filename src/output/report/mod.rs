@@ -6,18 +6,18 @@
 //! forbids it any access to a network.
 
 pub mod blob;
-mod contents;
 mod frames;
 mod html;
 mod many;
 mod picture;
 mod series;
 
-pub use contents::ReportContents;
 pub use frames::{Frames, MOST_FRAMES};
 pub use many::{ManyRuns, RunTable, page_of_many};
 
-use crate::output::plot::{self, perspective};
+use crate::error::{Error, Result};
+use crate::output::plot::{self, Obstacle, perspective};
+use crate::output::run_folder::RunFolder;
 use blob::PageData;
 use serde_json::{Value, json};
 use std::io;
@@ -35,16 +35,21 @@ const STYLE: &str = include_str!("page/bundle.css");
 const SCALES: [f64; 16] =
     [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 1e5, 1e6, 1e7];
 
-/// Returns the page of a run.
+/// Returns the page of a run, with frames from its snapshots, if it wrote any.
 ///
 /// # Errors
-/// Returns an error where the numbers cannot be compressed or the scene has no form in TOML.
-pub fn page(contents: &ReportContents) -> io::Result<String> {
-    let ReportContents { summary, table, .. } = contents;
+/// Returns an error where a file of the run cannot be read, and where the numbers cannot be
+/// compressed or the scene has no form in TOML.
+pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>) -> Result<String> {
+    let RunFolder { folder, summary, table, .. } = run;
+    let (figures, _) = run.pictures()?;
+    let figures: Vec<(String, String)> =
+        figures.into_iter().map(|(name, figure)| (name.to_owned(), figure.svg())).collect();
+    let heights: Vec<f64> = run.obstacles().into_iter().map(Obstacle::height).collect();
     let mut data = PageData::default();
-    let (charts, rows) = series::store(table, contents.heights, &mut data);
+    let (charts, rows) = series::store(table, &heights, &mut data);
     let mut meta = json!({ "charts": charts });
-    if let Some(frames) = contents.frames {
+    if let Some(frames) = frames {
         let ([low, high], size) = frames.extent();
         let drawn = perspective::relief_scale(low.min(0.0), high.max(0.0), size);
         let scales = SCALES.iter().filter(|scale| **scale <= (10.0 * drawn).max(10.0));
@@ -52,18 +57,19 @@ pub fn page(contents: &ReportContents) -> io::Result<String> {
         meta["scales"] = scales.copied().collect::<Vec<f64>>().into();
         meta["colors"] = frames.store(&mut data);
     }
-    let (arrays, numbers) = data.finish()?;
+    let path = folder.join(FILE);
+    let (arrays, numbers) = data.finish().map_err(Error::io(&path))?;
     meta["arrays"] = arrays;
     let title = html::escaped(summary["scene"]["title"].as_str().unwrap_or("Run of rebond"));
     let body = [
         html::scene(summary),
         html::numbers(summary),
         html::trouble().to_owned(),
-        html::view(contents, &meta["colors"]),
+        html::view(summary, frames, &meta["colors"]),
         html::charts(rows, table.rows()),
-        html::contacts(contents),
-        pictures(contents.pictures),
-        html::again(summary, &scene_text(&summary["scene"])?),
+        html::contacts(run.contacts.as_deref()),
+        pictures(&figures),
+        html::again(summary, &scene_text(&summary["scene"]).map_err(Error::io(&path))?),
     ]
     .concat();
     // A text in a script ends at "</script>", whatever it means.

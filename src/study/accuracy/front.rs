@@ -1,6 +1,6 @@
 //! Evaluation of a study: Pareto fronts, the cheapest run per accuracy, and orders of convergence.
 
-use super::plan::{distinct, mesh_name};
+use super::plan::distinct;
 use super::trajectory::{Deviation, Parts};
 use super::truth::Family;
 use super::{Accuracy, Limit, Run};
@@ -20,8 +20,7 @@ const ORDERLY: f64 = 0.1;
 const ROUNDING: f64 = 1e-13;
 
 /// Error by which runs are ranked.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Axis {
     /// Error in time, among the runs of one mesh with one limit.
     Time,
@@ -59,11 +58,6 @@ pub fn pareto(points: &[(f64, f64)]) -> Vec<usize> {
 pub fn front<'r>(runs: &[&'r Run], axis: Axis) -> Vec<&'r Run> {
     let points: Vec<(f64, f64)> = runs.iter().map(|run| (run.seconds(), axis.error(run))).collect();
     pareto(&points).into_iter().map(|number| runs[number]).collect()
-}
-
-/// Returns the cheapest run of a front that reaches an accuracy.
-pub fn cheapest<'r>(front: &[&'r Run], axis: Axis, accuracy: f64) -> Option<&'r Run> {
-    front.iter().find(|run| axis.error(run) <= accuracy).copied()
 }
 
 /// Returns the least-squares slope of log y over log x; `None` for fewer than two points.
@@ -109,12 +103,12 @@ impl Accuracy {
     /// Returns the names of the meshes, without repetition, in the order of limits and runs.
     pub fn meshes(&self) -> Vec<String> {
         let of_limits = self.limits.iter().map(|limit| limit.mesh.clone());
-        distinct(of_limits.chain(self.runs.iter().map(|run| mesh_name(&run.case.grid))))
+        distinct(of_limits.chain(self.runs.iter().map(|run| run.mesh.clone())))
     }
 
     /// Returns the runs on a mesh.
     pub fn runs_on(&self, mesh: &str) -> Vec<&Run> {
-        self.runs.iter().filter(|run| mesh_name(&run.case.grid) == mesh).collect()
+        self.runs.iter().filter(|run| run.mesh == mesh).collect()
     }
 
     /// Returns the runs on a mesh that are ranked, and the error that ranks them.
@@ -133,10 +127,10 @@ impl Accuracy {
         (if ranked.is_empty() { runs } else { ranked }, Axis::Time)
     }
 
-    /// Returns the front among the ranked runs on a mesh.
-    pub fn front_on(&self, mesh: &str) -> Vec<&Run> {
-        let (ranked, axis) = self.ranked_on(mesh);
-        front(&ranked, axis)
+    /// Returns whether a run is on the front among the ranked runs on its mesh.
+    pub fn is_on_front(&self, run: &Run) -> bool {
+        let (ranked, axis) = self.ranked_on(&run.mesh);
+        front(&ranked, axis).iter().any(|other| std::ptr::eq(*other, run))
     }
 
     /// Computes the order of each method on each mesh.

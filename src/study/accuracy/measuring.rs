@@ -5,10 +5,9 @@ use super::cpu::CpuClock;
 use super::norms::{Jet, Metric, Norms, Points, Sampler};
 use super::plan::{Case, mesh_and_space, mesh_name};
 use super::run_native;
-use super::trajectory::{Deviation, Distance, Trajectory};
+use super::trajectory::{Distance, Trajectory};
 use super::truth::{ReferenceSolution, starts};
-use super::types::{Limit, Run, Scales};
-use super::whole::{ReferenceMotion, Samples};
+use super::types::{Accuracy, Limit, Run, Scales};
 use crate::error::Result;
 use crate::mesh::{Cell, Mesh};
 use crate::scene::{EngineName, Scene, Study};
@@ -36,17 +35,14 @@ impl Reference {
     pub fn new(base: &Scene, truth: ReferenceSolution) -> Result<Reference> {
         let (mesh, space) = mesh_and_space(base, truth.grid)?;
         let points = Points::new(&mesh, &simulation::sections(base, &mesh)?)?;
-        if truth.trajectory.fields.is_empty() {
-            return Ok(Reference { truth, points, jets: Vec::new() });
-        }
-        let sampler = Sampler::new(&mesh, &space, points.at())?;
+        let sampler = Sampler::new(&mesh, &space, &points.at)?;
         let jets = truth.trajectory.fields.iter().map(|u| sampler.jets(u)).collect();
         Ok(Reference { truth, points, jets })
     }
 
     /// Returns the scales of relative errors.
     pub fn scales(&self) -> Scales {
-        let zeros = vec![[0.0; 4]; self.points.at().len()];
+        let zeros = vec![[0.0; 4]; self.points.at.len()];
         let largest = self.jets.iter().fold(Norms::default(), |largest, jets| {
             let norms = self.points.distance(jets, &zeros);
             Norms { l2: largest.l2.max(norms.l2), energy: largest.energy.max(norms.energy) }
@@ -54,45 +50,33 @@ impl Reference {
         Scales { deflection: self.truth.trajectory.scale(), l2: largest.l2, energy: largest.energy }
     }
 
-    /// Returns the error in space of a motion on another mesh.
-    pub fn distance(&self, base: &Scene, truth: &ReferenceSolution, instants: &[f64]) -> Result<Distance> {
+    /// Returns the record of a limit, the motion on another mesh, with its error in space.
+    pub fn limit(
+        &self,
+        base: &Scene,
+        truth: &ReferenceSolution,
+        scales: Scales,
+        instants: &[f64],
+    ) -> Result<Limit> {
         let (mesh, space) = mesh_and_space(base, truth.grid)?;
-        let sampler = Sampler::new(&mesh, &space, self.points.at())?;
-        let norms: Vec<Norms> = truth
-            .trajectory
-            .fields
-            .iter()
-            .zip(&self.jets)
-            .map(|(u, reference)| self.points.distance(&sampler.jets(u), reference))
-            .collect();
-        let finest = &self.truth;
-        let impacts = starts(&finest.impacts);
-        Ok(Distance::new(&truth.trajectory, &finest.trajectory, &impacts, Some(&norms), instants))
-    }
-}
-
-/// Returns the record of a limit, with its error in space.
-pub(super) fn limit(
-    mesh: &Mesh,
-    truth: &ReferenceSolution,
-    dofs: usize,
-    scales: Scales,
-    space: Distance,
-) -> Limit {
-    let relative =
-        |d: Deviation| Deviation { rms: d.rms / scales.deflection, max: d.max / scales.deflection };
-    Limit {
-        mesh: mesh_name(&truth.grid),
-        mass: truth.family.mass(),
-        family: truth.family.to_string(),
-        source: truth.source.clone(),
-        refused: truth.refused.clone(),
-        dofs,
-        size: size(mesh),
-        impacts: starts(&truth.impacts),
-        first_impact: truth.first_impact,
-        own_error: truth.error.probes.map(relative),
-        space,
+        let sampler = Sampler::new(&mesh, &space, &self.points.at)?;
+        let fields = truth.trajectory.fields.iter().zip(&self.jets);
+        let norms: Vec<Norms> =
+            fields.map(|(u, jets)| self.points.distance(&sampler.jets(u), jets)).collect();
+        let (finest, impacts) = (&self.truth.trajectory, starts(&self.truth.impacts));
+        Ok(Limit {
+            mesh: mesh_name(&truth.grid),
+            mass: truth.family.mass(),
+            family: truth.family.to_string(),
+            source: truth.source.clone(),
+            refused: truth.refused.clone(),
+            dofs: space.dofs(),
+            size: size(&mesh),
+            impacts: starts(&truth.impacts),
+            first_impact: truth.first_impact,
+            own_error: truth.error.probes.over(scales.deflection),
+            space: Distance::new(&truth.trajectory, finest, &impacts, Some(&norms), instants),
+        })
     }
 }
 
@@ -107,8 +91,8 @@ fn size(mesh: &Mesh) -> f64 {
 
 /// Completed run of a case.
 pub(super) struct Measurement {
-    trajectory: Trajectory,
-    outcome: Outcome,
+    pub trajectory: Trajectory,
+    pub outcome: Outcome,
     keep_fields: bool,
     /// Least times of set-up and of stepping, in s.
     seconds: [f64; 2],
@@ -171,16 +155,6 @@ pub(super) fn take_at_once(
 }
 
 impl Measurement {
-    /// Returns the time of the first contact, in s.
-    pub fn first_impact(&self) -> Option<f64> {
-        self.outcome.first_impact.map(|impact| impact.time)
-    }
-
-    /// Returns the deflections and kinetic energies.
-    pub fn samples(&self) -> Samples {
-        Samples::new(&self.trajectory)
-    }
-
     /// Returns the distance of the run from its limit.
     pub fn error_in_time(
         &self,
@@ -201,9 +175,11 @@ impl Measurement {
 }
 
 /// Returns the record of a run without its error in time.
-pub(super) fn record(case: &Case, taken: &Measurement, motion: &ReferenceMotion) -> Run {
+pub(super) fn record(case: &Case, taken: &Measurement, accuracy: &Accuracy) -> Run {
     let Measurement { trajectory, outcome, seconds: [set_up_seconds, stepping_seconds], .. } = taken;
+    let whole = accuracy.motion.distance(&trajectory.samples);
     Run {
+        mesh: mesh_name(&case.grid),
         case: *case,
         dofs: outcome.dofs,
         steps: outcome.steps,
@@ -216,8 +192,8 @@ pub(super) fn record(case: &Case, taken: &Measurement, motion: &ReferenceMotion)
         time: None,
         time_error: None,
         space_error: None,
-        whole: motion.distance(&taken.samples()),
-        whole_error: f64::NAN,
+        whole_error: whole.probes.at(accuracy.until).rms / accuracy.scales.deflection,
+        whole,
         at_floor: false,
         first_impact_error: None,
         energy_drift: trajectory.energy_drift(),

@@ -29,13 +29,13 @@ use crate::mesh::Point;
 use crate::modes;
 use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, ProbeQuantity, Scene, Study};
 use crate::simulation::{self, Matrices, Model, Outcome};
-use measuring::{Measurement, PATIENCE, Reference, limit, record, take, take_at_once};
+use measuring::{Measurement, PATIENCE, Reference, record, take, take_at_once};
 use norms::Metric;
-use plan::{Case, Plan, mesh_and_space, mesh_name};
+use plan::{Absent, Case, Plan, mesh_and_space, mesh_name};
 use std::rc::Rc;
 use trajectory::{Deviation, Parts, Trajectory};
 use truth::{Family, ReferenceSolution, ReferenceSpec};
-pub use types::{Accuracy, Failure, Limit, Run, Scales};
+pub use types::{Accuracy, Limit, Run, Scales};
 use whole::{BestRun, ReferenceMotion, keep_best};
 
 /// Number of steps from which the time of a run is estimated.
@@ -64,7 +64,7 @@ pub type Runner<'r> = dyn Fn(&Scene, bool) -> Result<(Trajectory, Outcome)> + 'r
 /// # Errors
 /// Returns the errors of [`Model::new`], and the error that ends the run.
 pub fn run_native(scene: &Scene, keep_fields: bool) -> Result<(Trajectory, Outcome)> {
-    Trajectory::record(scene, &Model::new(scene)?, &simulation::condensed, keep_fields)
+    Trajectory::record(scene, keep_fields, |trajectory| Model::new(scene)?.run(scene, trajectory))
 }
 
 /// Observer of a study.
@@ -123,13 +123,12 @@ pub fn study(
             match ReferenceSolution::new(base, setting.limit(grid, *family), run) {
                 Ok(truth) => {
                     if let (None, Some(reference)) = (accuracy.limit(&grid, *family), &reference) {
-                        let space_error = reference.distance(base, &truth, &study.at)?;
-                        let record = limit(&mesh, &truth, space.dofs(), accuracy.scales, space_error);
-                        accuracy.limits.push(record);
+                        let limit = reference.limit(base, &truth, accuracy.scales, &study.at)?;
+                        accuracy.limits.push(limit);
                     }
                     truths.push((*family, Rc::new(truth)));
                 }
-                Err(error) => accuracy.failures.push(Failure {
+                Err(error) => accuracy.failures.push(Absent {
                     what: format!("limit, {}, {family}", mesh_name(&grid)),
                     why: error.to_string(),
                 }),
@@ -147,7 +146,7 @@ pub fn study(
                 let recorded =
                     taken.and_then(|taken| setting.record(&mut accuracy, case, &taken, &truths, &metric));
                 if let Err(error) = recorded {
-                    accuracy.failures.push(Failure { what: case.to_string(), why: error.to_string() });
+                    accuracy.failures.push(Absent { what: case.to_string(), why: error.to_string() });
                 }
                 watch.done(&accuracy)?;
             }
@@ -227,8 +226,7 @@ impl Setting<'_> {
         metric: &Metric,
     ) -> Result<()> {
         let scale = accuracy.scales.deflection;
-        let mut run = record(case, taken, &accuracy.motion);
-        run.whole_error = run.whole.probes.at(accuracy.until).rms / scale;
+        let mut run = record(case, taken, accuracy);
         if self.study.limits {
             let family = Family::of(&case.method);
             let truth = truths.iter().find(|(other, _)| *other == family).map(|(_, truth)| truth);
@@ -240,12 +238,14 @@ impl Setting<'_> {
             let error = horizon(time.probes);
             run.at_floor = error < FLOOR * horizon(truth.error.probes);
             (run.time_error, run.space_error) = (Some(error), Some(horizon(limit.space.probes)));
-            run.first_impact_error = taken.first_impact().zip(truth.first_impact).map(|(a, b)| a - b);
+            run.first_impact_error =
+                taken.outcome.first_impact.zip(truth.first_impact).map(|(a, b)| a.time - b);
             run.time = Some(time);
         }
         if self.study.floor && self.is_finest(&case.grid) {
             let (name, mass, error) = (case.to_string(), case.method.mass, run.whole_error);
-            keep_best(&mut accuracy.best, BestRun { name, mass, error, samples: taken.samples() });
+            let samples = taken.trajectory.samples.clone();
+            keep_best(&mut accuracy.best, BestRun { name, mass, error, samples });
         }
         accuracy.runs.push(run);
         Ok(())
@@ -320,22 +320,16 @@ fn watched(scene: &Scene) -> Result<Scene> {
         let between = |[least, most]: [f64; 2], part: f64| (1.0 - part) * least + part * most;
         let places = [("left", 0.0), ("middle", 0.5), ("right", 1.0)];
         let heights = [("bottom", 0.0), ("middle", 0.5), ("top", 1.0)];
-        let probe = |(across, up): ((&str, f64), (&str, f64))| {
-            let place = Point::new(between(x, across.1), between(y, up.1));
+        for ((column, across), (row, up)) in places.into_iter().flat_map(|x| heights.map(|y| (x, y))) {
+            let mut place = Point::new(between(x, across), between(y, up));
             let away = |node: &&Point| (**node - place).norm();
-            let node = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or(&place);
-            let place = if scene.file.is_some() { *node } else { place };
-            let name = format!("{} {}", up.0, across.0);
-            Probe {
-                name,
-                at: [place.x, place.y],
-                point: None,
-                ball: None,
-                quantity: ProbeQuantity::Deflection,
+            let nearest = mesh.nodes.iter().min_by(|a, b| away(a).total_cmp(&away(b)));
+            if let (Some(node), true) = (nearest, scene.file.is_some()) {
+                place = *node;
             }
-        };
-        let pairs = places.iter().flat_map(|across| heights.iter().map(|up| (*across, *up)));
-        scene.output.probes = pairs.map(probe).collect();
+            let (name, quantity) = (format!("{row} {column}"), ProbeQuantity::Deflection);
+            scene.output.probes.push(Probe { name, at: place.into(), point: None, ball: None, quantity });
+        }
     }
     Ok(scene)
 }

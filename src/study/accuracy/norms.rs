@@ -77,7 +77,8 @@ pub type Jet = [f64; 4];
 ///
 /// Squares of the deflections are integrated with a small error.
 pub struct Points {
-    at: Vec<Point>,
+    /// Coordinates of the points, in m.
+    pub at: Vec<Point>,
     /// Weights as areas, in m2.
     weights: Vec<f64>,
     /// Bending stiffness at each point, in N m.
@@ -92,22 +93,14 @@ impl Points {
     /// `sections`.
     pub fn new(mesh: &Mesh, sections: &impl Sections) -> Result<Points> {
         let mut points = Points { at: Vec::new(), weights: Vec::new(), bending: Vec::new() };
-        let mut add = |cell: usize, point: Point, area: f64| -> Result<()> {
-            points.at.push(point);
-            points.weights.push(area);
-            points.bending.push(sections.section(cell, point)?.bending);
-            Ok(())
-        };
         for cell in 0..mesh.cells.len() {
-            let nodes = mesh.element(cell)?.quadrature((&quadrature::DEGREE_3).into());
-            nodes.into_iter().try_for_each(|(point, area)| add(cell, point, area))?;
+            for (point, area) in mesh.element(cell)?.quadrature((&quadrature::DEGREE_3).into()) {
+                points.at.push(point);
+                points.weights.push(area);
+                points.bending.push(sections.section(cell, point)?.bending);
+            }
         }
         Ok(points)
-    }
-
-    /// Returns the coordinates of the points, in m.
-    pub fn at(&self) -> &[Point] {
-        &self.at
     }
 
     /// Returns the norms of the difference of two deflections at these points.

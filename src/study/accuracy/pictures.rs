@@ -4,24 +4,22 @@ use super::front::{Axis as Ranked, front, pareto};
 use super::plan::{Method, distinct};
 use super::whole::Floor;
 use super::{Accuracy, Run, report};
-use crate::error::Result;
 use crate::output::plot::{Axis, Color, Curve, Figure, Panel};
 use crate::scene::{ElementKind, Horizon, Mass};
-use std::path::Path;
 
 /// Name of the hatched band within which methods with the same limit differ.
 const FLOOR: &str = "best runs of all masses differ";
 /// Lower edge of a picture relative to the least error of any method with a step.
 const EDGE: f64 = 0.1;
 
-/// Draws a study into a folder; each picture shows the command that made it.
-///
-/// # Errors
-/// Returns [`crate::Error::Io`] where a file cannot be written.
-pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
-    let draw = |name: &str, title: String, panels: Vec<Panel>| {
-        let figure = Figure::new(title).note(command);
-        panels.into_iter().fold(figure, Figure::panel).write(&folder.join(name))
+/// Returns the pictures of a study with their names; each shows the command that made it.
+pub fn figures(accuracy: &Accuracy, command: &str) -> Vec<(String, Figure)> {
+    let mut figures = Vec::new();
+    let mut draw = |name: &str, title: &str, panels: Vec<Panel>| {
+        if !panels.is_empty() {
+            let figure = panels.into_iter().fold(Figure::new(title).note(command), Figure::panel);
+            figures.push((name.to_owned(), figure));
+        }
     };
     let meshes = accuracy.meshes();
     for mesh in &meshes {
@@ -31,24 +29,19 @@ pub fn write(accuracy: &Accuracy, folder: &Path, command: &str) -> Result<()> {
             continue;
         }
         let name = |what: &str| format!("{what}-{}", mesh.replace(' ', "-"));
-        draw(&name("work-precision"), format!("Work and precision, {mesh}"), vec![on_mesh.work_precision()])?;
+        let work_precision = vec![on_mesh.work_precision()];
+        draw(&name("work-precision"), &format!("Work and precision, {mesh}"), work_precision);
         if on_mesh.runs.iter().any(|run| run.time.is_some()) {
-            draw(&name("orders"), format!("Convergence in time, {mesh}"), on_mesh.orders())?;
+            draw(&name("orders"), &format!("Convergence in time, {mesh}"), on_mesh.orders());
         }
-        draw(&name("energy-drift"), format!("Energy drift, {mesh}"), vec![on_mesh.energy_drift()])?;
+        draw(&name("energy-drift"), &format!("Energy drift, {mesh}"), vec![on_mesh.energy_drift()]);
     }
     if meshes.len() > 1 && !accuracy.runs.is_empty() {
-        draw("work-precision", "Work and precision".into(), vec![whole(accuracy, &meshes)])?;
+        draw("work-precision", "Work and precision", vec![whole(accuracy, &meshes)]);
     }
-    let after_impact = after_impact(accuracy);
-    if !after_impact.is_empty() {
-        draw("after-impact", "After the first impact".into(), after_impact)?;
-    }
-    let cost = cost(accuracy);
-    if !cost.is_empty() {
-        draw("cost", "Cost of a run".into(), cost)?;
-    }
-    Ok(())
+    draw("after-impact", "After the first impact", after_impact(accuracy));
+    draw("cost", "Cost of a run", cost(accuracy));
+    figures
 }
 
 /// Abbreviates the name of a method; the singular mass is left out.
@@ -56,9 +49,20 @@ fn short(method: &Method) -> String {
     method.to_string().replace(&format!(" {}", Mass::Singular), "").replace("consistent", "cons.")
 }
 
-/// Returns the methods of some runs without repetition, which fixes their style in all pictures.
-fn methods<'r>(runs: impl IntoIterator<Item = &'r Run>) -> Vec<Method> {
-    distinct(runs.into_iter().map(|run| run.case.method))
+/// Groups runs by what they have in common, in their order.
+fn grouped<'r, K: PartialEq>(
+    runs: impl IntoIterator<Item = &'r Run>,
+    key: impl Fn(&Run) -> K,
+) -> Vec<(K, Vec<&'r Run>)> {
+    let mut groups: Vec<(K, Vec<&Run>)> = Vec::new();
+    for run in runs {
+        let name = key(run);
+        match groups.iter_mut().find(|(other, _)| *other == name) {
+            Some((_, runs)) => runs.push(run),
+            None => groups.push((name, vec![run])),
+        }
+    }
+    groups
 }
 
 /// Creates a panel with logarithmic axes.
@@ -84,12 +88,11 @@ struct OnMesh<'a> {
 impl<'a> OnMesh<'a> {
     /// Creates one curve per method; names are left out where a panel above shows them.
     fn curves(&self, named: bool, point: impl Fn(&Run) -> [f64; 2]) -> Vec<Curve> {
-        let of_method = |(number, method): (usize, Method)| {
-            let of_method = self.runs.iter().filter(|run| run.case.method == method);
-            let points: Vec<[f64; 2]> = of_method.map(|run| point(run)).collect();
-            curve(number, &short(&method), named, points)
+        let methods = grouped(self.runs.iter().copied(), |run| run.case.method).into_iter().enumerate();
+        let of_method = |(number, (method, runs)): (usize, (Method, Vec<&Run>))| {
+            curve(number, &short(&method), named, runs.into_iter().map(&point).collect())
         };
-        methods(self.runs.iter().copied()).into_iter().enumerate().map(of_method).collect()
+        methods.map(of_method).collect()
     }
 
     /// Draws the error that ranks the runs over their time, with rounding errors at the lower edge.
@@ -195,14 +198,7 @@ fn after_impact(accuracy: &Accuracy) -> Vec<Panel> {
     let scale = accuracy.scales.deflection;
     let floor = accuracy.floor();
     let of_floor = |part: fn(&Floor) -> Option<f64>| floor.as_ref().and_then(part);
-    let mut methods: Vec<(String, Vec<&Run>)> = Vec::new();
-    for run in &accuracy.runs {
-        let name = short(&Method { modes: None, ..run.case.method });
-        match methods.iter_mut().find(|(other, _)| *other == name) {
-            Some((_, runs)) => runs.push(run),
-            None => methods.push((name, vec![run])),
-        }
-    }
+    let methods = grouped(&accuracy.runs, |run| short(&Method { modes: None, ..run.case.method }));
     let drawn = |heading: &str, error: &dyn Fn(&Run) -> Option<f64>, named: bool| {
         let of_method = |(number, (name, runs)): (usize, &(String, Vec<&Run>))| {
             let costs: Vec<(f64, f64)> =
@@ -232,20 +228,13 @@ fn after_impact(accuracy: &Accuracy) -> Vec<Panel> {
 ///
 /// Each element with several meshes has a panel.
 fn cost(accuracy: &Accuracy) -> Vec<Panel> {
-    let mut elements: Vec<ElementKind> = accuracy.runs.iter().map(|run| run.case.grid.element).collect();
-    elements.sort_by_key(|element| *element as u8);
-    elements.dedup();
-    elements.retain(|element| {
-        let mut dofs =
-            accuracy.runs.iter().filter(|run| run.case.grid.element == *element).map(|run| run.dofs);
-        let first = dofs.next();
-        dofs.any(|dofs| Some(dofs) != first)
-    });
-    let methods = methods(&accuracy.runs);
-    let of_element = |(place, &element): (usize, &ElementKind)| {
+    let mut elements = grouped(&accuracy.runs, |run| run.case.grid.element);
+    elements.sort_by_key(|(element, _)| *element as u8);
+    elements.retain(|(_, runs)| runs.iter().any(|run| run.dofs != runs[0].dofs));
+    let methods = distinct(accuracy.runs.iter().map(|run| run.case.method));
+    let of_element = |(place, (element, runs)): (usize, &(ElementKind, Vec<&Run>))| {
         let of_method = |(number, &method): (usize, &Method)| {
-            let is_drawn = |run: &&Run| run.case.method == method && run.case.grid.element == element;
-            let drawn: Vec<&Run> = accuracy.runs.iter().filter(is_drawn).collect();
+            let drawn: Vec<&&Run> = runs.iter().filter(|run| run.case.method == method).collect();
             let smallest = drawn.iter().map(|run| run.case.step).fold(f64::INFINITY, f64::min);
             let mut points: Vec<[f64; 2]> = drawn
                 .iter()

@@ -4,10 +4,10 @@ use crate::dof_map::DofMap;
 use crate::error::{self, Error};
 use crate::mesh::Mesh;
 use crate::modes::ModeRange;
-use crate::scene::{ContactSolver, EngineName, Grid, Mass, Scene, SchemeName, SchemeSpec, Study};
+use crate::scene::{ContactSolver, Diagonal, EngineName, Grid, Mass, Scene, SchemeName, SchemeSpec, Study};
 use crate::scheme::registry::SchemeOptions;
 use crate::simulation;
-use serde::{Deserialize, Serialize, Serializer};
+use serde::{Deserialize, Serialize};
 use std::fmt;
 
 /// Number of cells up to which the exact scheme is tried with the paper's mass; an active set costs
@@ -98,22 +98,17 @@ pub(super) fn mesh_and_space(base: &Scene, grid: Grid) -> error::Result<(Mesh, D
 
 /// Returns the name of a mesh: `fvs 10x4` after refinement, or `file refine 1`.
 pub fn mesh_name(grid: &Grid) -> String {
-    match (grid.is_of_file(), grid.refine) {
-        (true, 0) => return "file".into(),
-        (true, times) => return format!("file refine {times}"),
-        (false, _) => {}
+    if grid.is_of_file() {
+        return if grid.refine == 0 { "file".into() } else { format!("file refine {}", grid.refine) };
     }
     let [nx, ny] = grid.cells.map(|count| count << grid.refine);
-    let element = grid.element;
-    let diagonal = grid.diagonal.map_or(String::new(), |diagonal| match diagonal {
-        crate::scene::Diagonal::Right => String::new(),
-        other => format!(" {}", format!("{other:?}").to_lowercase()),
-    });
-    format!("{element} {nx}x{ny}{diagonal}")
+    let diagonal = grid.diagonal.filter(|diagonal| *diagonal != Diagonal::Right);
+    let diagonal = diagonal.map_or(String::new(), |diagonal| format!(" {diagonal:?}").to_lowercase());
+    format!("{} {nx}x{ny}{diagonal}", grid.element)
 }
 
 /// Case: one run of a method with a step on a mesh.
-#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Case {
     /// Mesh.
     pub grid: Grid,
@@ -149,37 +144,20 @@ impl fmt::Display for Case {
     }
 }
 
-impl Serialize for Case {
-    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        #[derive(Serialize)]
-        struct Flat<'c> {
-            mesh: String,
-            grid: Grid,
-            #[serde(flatten)]
-            method: &'c Method,
-            step: f64,
-        }
-        Flat { mesh: mesh_name(&self.grid), grid: self.grid, method: &self.method, step: self.step }
-            .serialize(serializer)
-    }
-}
-
-/// Combinations that a study leaves out.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Dropped {
-    /// Name that the combinations have in common.
+/// Run that did not reach its end, or combinations that a study leaves out.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Absent {
+    /// Name of the run, or name that the combinations have in common.
     pub what: String,
-    /// Reason why none of them runs.
-    pub why: &'static str,
+    /// Reason of the failure, or reason why none of the combinations runs.
+    pub why: String,
 }
 
-impl Dropped {
-    /// Adds combinations that are left out, once.
-    fn add(dropped: &mut Vec<Dropped>, what: String, why: &'static str) {
-        let one = Dropped { what, why };
-        if !dropped.contains(&one) {
-            dropped.push(one);
-        }
+/// Adds combinations that are left out, once.
+fn leave_out(dropped: &mut Vec<Absent>, what: String, why: &str) {
+    let one = Absent { what, why: why.to_owned() };
+    if !dropped.contains(&one) {
+        dropped.push(one);
     }
 }
 
@@ -193,7 +171,7 @@ pub struct Plan {
     /// All runs: mesh by mesh, method by method, long steps first.
     pub cases: Vec<Case>,
     /// Combinations left out.
-    pub dropped: Vec<Dropped>,
+    pub dropped: Vec<Absent>,
 }
 
 impl Plan {
@@ -220,10 +198,12 @@ impl Plan {
         let interval = study.interval(scene.time.end).unwrap_or(scene.time.step);
         let mut cases = Vec::new();
         for &grid in &grids {
-            let size = MeshSize::of(scene, grid, &methods);
+            let depends = |method: &Method| method.modes.is_some() || method.scheme == SchemeSpec::Exact;
+            // A mesh that cannot be made is reported by its runs.
+            let mesh = methods.iter().any(depends).then(|| mesh_and_space(scene, grid).ok()).flatten();
             for &method in &methods {
-                if let Some((what, why)) = size.forbids(&method) {
-                    Dropped::add(&mut dropped, format!("{}, {what}", mesh_name(&grid)), why);
+                if let Some((what, why)) = forbidden(&method, mesh.as_ref()) {
+                    leave_out(&mut dropped, format!("{}, {what}", mesh_name(&grid)), why);
                     continue;
                 }
                 // A scheme without a step of its own runs once, with the instants of comparison as
@@ -242,45 +222,27 @@ impl Plan {
                     cases.first().map_or(String::new(), Case::to_string)
                 )));
             }
-            Dropped::add(&mut dropped, words.clone(), "study.skip names these runs");
+            leave_out(&mut dropped, words.clone(), "study.skip names these runs");
         }
         Ok(Plan { grids, methods, cases, dropped })
     }
 }
 
-/// MeshSize of a mesh, as far as methods depend on it.
-struct MeshSize {
-    cells: usize,
-    dofs: usize,
-}
-
-impl MeshSize {
-    /// Returns the size of a mesh; one that forbids nothing if no method asks for it, or for a mesh
-    /// that cannot be made, which its runs report.
-    fn of(scene: &Scene, grid: Grid, methods: &[Method]) -> MeshSize {
-        let none = MeshSize { cells: 0, dofs: usize::MAX };
-        if !methods.iter().any(|method| method.modes.is_some() || method.scheme == SchemeSpec::Exact) {
-            return none;
+/// Returns a method's name and the reason if it makes no sense on a mesh of the given size.
+fn forbidden(method: &Method, mesh: Option<&(Mesh, DofMap)>) -> Option<(String, &'static str)> {
+    let (mesh, space) = mesh?;
+    match method.modes {
+        Some(modes) if modes > space.dofs() / 2 => {
+            Some((format!("m={modes}"), "more modes than half of the dofs"))
         }
-        mesh_and_space(scene, grid)
-            .map_or(none, |(mesh, space)| MeshSize { cells: mesh.cells.len(), dofs: space.dofs() })
-    }
-
-    /// Returns a method's name and the reason if it makes no sense on a mesh of this size.
-    fn forbids(&self, method: &Method) -> Option<(String, &'static str)> {
-        match method.modes {
-            Some(modes) if modes > self.dofs / 2 => {
-                Some((format!("m={modes}"), "more modes than half of the dofs"))
-            }
-            None if method.scheme == SchemeSpec::Exact && self.cells > EXACT_CELLS => {
-                Some((method.to_string(), "more than 320 cells"))
-            }
-            _ => None,
+        None if method.scheme == SchemeSpec::Exact && mesh.cells.len() > EXACT_CELLS => {
+            Some((method.to_string(), "more than 320 cells"))
         }
+        _ => None,
     }
 }
 
-fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Method> {
+fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Absent>) -> Vec<Method> {
     let beta = match scene.time.scheme {
         SchemeSpec::Newmark { beta, .. } => beta,
         _ => 0.5,
@@ -290,31 +252,26 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Dropped>) -> Vec<Meth
         _ => mass.massless(),
     };
     let mut methods = Vec::new();
-    let mut drop = |what: String, why| Dropped::add(dropped, what, why);
     for &name in &study.schemes {
         for &mass in &study.masses {
             let yields = scene.yielding_stop().is_some();
             if let Err(why) = serves(name, mass, !scene.obstacles.is_empty(), yields) {
-                drop(format!("{name} {mass}"), why);
+                leave_out(dropped, format!("{name} {mass}"), why);
                 continue;
             }
             for &engine in &study.engines {
                 for &vi in &study.vi {
                     let is_native = engine == EngineName::Native;
-                    let lacks = if is_native && !vi.runs_on_any_engine() {
-                        Some((format!("native:{vi}"), "the native engine has the condensed solver only"))
+                    if is_native && !vi.runs_on_any_engine() {
+                        let why = "the native engine has the condensed solver only";
+                        leave_out(dropped, format!("native:{vi}"), why);
+                        continue;
                     } else if mass == Mass::Modal && vi != ContactSolver::Condensed {
-                        Some((
-                            format!("{name} {mass} {vi}"),
-                            "the modal mass solves contact in compliance form",
-                        ))
+                        let why = "the modal mass solves contact in compliance form";
+                        leave_out(dropped, format!("{name} {mass} {vi}"), why);
+                        continue;
                     } else if !name.capabilities().is_distributed && !is_native {
-                        Some((format!("{name} {engine}"), "it runs on the native engine"))
-                    } else {
-                        None
-                    };
-                    if let Some((what, why)) = lacks {
-                        drop(what, why);
+                        leave_out(dropped, format!("{name} {engine}"), "it runs on the native engine");
                         continue;
                     }
                     let with = |restitution| {

@@ -1,10 +1,11 @@
 //! Reports of a study: its tables as text, `study.csv` and `study.json`.
 
-use super::front::{ACCURACIES, Axis, cheapest, front};
+use super::front::{ACCURACIES, Axis, SpaceOrder, TimeOrder, front};
+use super::plan::Absent;
 use super::trajectory::{Deviation, Parts};
 use super::whole::Floor;
-use super::{Accuracy, Run, mesh_name};
-use crate::output::text::{Table, TableColumns, grouped, significant, two_digits};
+use super::{Accuracy, Limit, Run};
+use crate::output::text::{TableColumns, grouped, significant, two_digits};
 use crate::scene::Scene;
 use crate::scene::{Horizon, Mass};
 use serde::{Deserialize, Serialize};
@@ -37,93 +38,68 @@ pub(super) fn horizon_words(horizon: Horizon) -> &'static str {
 
 impl fmt::Display for Accuracy {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let scale = significant(self.scales.deflection);
         writeln!(f, "{}", self.title)?;
         writeln!(f, "  reference: {}", self.reference)?;
-        writeln!(
-            f,
-            "  errors: root mean square at {}, relative to {} m",
-            self.probes.join(", "),
-            significant(self.scales.deflection)
-        )?;
-        if let Some(floor) = self.floor() {
-            self.write_floor(f, &floor)?;
+        writeln!(f, "  errors: root mean square at {}, relative to {scale} m", self.probes.join(", "))?;
+        if let Some(Floor { deflection, after_impact, kinetic, runs }) = self.floor() {
+            let [deflection, after, split] = [Some(deflection), after_impact, kinetic].map(small);
+            let until = horizon_words(self.until);
+            writeln!(
+                f,
+                "  floor: {deflection} {until}, {after} after impact 1, {split} in the energy split: \
+                 the largest distances among the reference and"
+            )?;
+            runs.iter().try_for_each(|run| writeln!(f, "    {run}"))?;
         }
         for mesh in self.meshes() {
-            self.write_mesh(f, &mesh)?;
+            self.write_limits(f, &mesh)?;
+            self.write_runs(f, &mesh)?;
         }
         self.write_orders(f)?;
-        write_cheapest(f, &self.cheapest())?;
-        for dropped in &self.dropped {
-            writeln!(f, "left out  {}: {}", dropped.what, dropped.why)?;
+        let mut columns = TableColumns::default();
+        columns.add("accuracy", |choice: &CheapestRun| format!("{:e}", choice.accuracy));
+        columns.add("run", |choice| choice.run.clone().unwrap_or_else(|| "none".into()));
+        columns.add("ms", |choice| choice.seconds.map_or("-".into(), milliseconds));
+        columns.add("error", |choice| small(choice.error));
+        for choices in self.cheapest().chunk_by(|a, b| a.among == b.among) {
+            write!(f, "\n{}\n{}", choices[0].among, columns.table(choices))?;
         }
-        for failure in &self.failures {
-            writeln!(f, "FAILED  {}: {}", failure.what, failure.why)?;
+        for Absent { what, why } in &self.dropped {
+            writeln!(f, "left out  {what}: {why}")?;
         }
-        Ok(())
+        self.failures.iter().try_for_each(|Absent { what, why }| writeln!(f, "FAILED  {what}: {why}"))
     }
 }
 
 impl Accuracy {
-    fn write_floor(&self, f: &mut fmt::Formatter, floor: &Floor) -> fmt::Result {
-        let Floor { deflection, after_impact, kinetic, runs } = floor;
-        writeln!(
-            f,
-            "  floor: {} {}, {} after impact 1, {} in the energy split: the largest distances among the reference and",
-            small(Some(*deflection)),
-            horizon_words(self.until),
-            small(*after_impact),
-            small(*kinetic)
-        )?;
-        runs.iter().try_for_each(|run| writeln!(f, "    {run}"))
-    }
-
-    fn write_mesh(&self, f: &mut fmt::Formatter, mesh: &str) -> fmt::Result {
-        writeln!(f)?;
-        if self.limits.iter().any(|limit| limit.mesh == mesh) {
-            self.write_limits(f, mesh)?;
-            writeln!(f)?;
-        }
-        self.write_runs(f, mesh)
-    }
-
     fn write_limits(&self, f: &mut fmt::Formatter, mesh: &str) -> fmt::Result {
-        let mut limits = Table::new(&[
-            mesh,
-            "computed by",
-            "own error,\nimpact 1",
-            "\nimpact 2",
-            "\nend",
-            "in space,\nimpact 1",
-            "\nimpact 2",
-            "\nend",
-        ]);
-        for limit in self.limits.iter().filter(|limit| limit.mesh == mesh) {
-            let name = if limit.mass == Mass::Modal { &limit.family } else { &limit.mass.to_string() };
-            let mut cells = vec![format!("limit, {name}"), limit.source.clone()];
-            cells.extend(parts(&limit.own_error, 1.0));
-            cells.extend(parts(&limit.space.probes, self.scales.deflection));
-            limits.row(cells);
+        let limits: Vec<&Limit> = self.limits.iter().filter(|limit| limit.mesh == mesh).collect();
+        if limits.is_empty() {
+            return Ok(());
         }
-        write!(f, "{limits}")?;
-        for limit in self.limits.iter().filter(|limit| limit.mesh == mesh) {
-            for why in &limit.refused {
-                writeln!(f, "    {} not by {why}", limit.family)?;
-            }
+        let scale = self.scales.deflection;
+        let mut columns = TableColumns::default();
+        columns.add(mesh, |limit: &Limit| match limit.mass {
+            Mass::Modal => format!("limit, {}", limit.family),
+            mass => format!("limit, {mass}"),
+        });
+        columns.add("computed by", |limit| limit.source.clone());
+        columns.impacts("own error,\nimpact 1", |limit| limit.own_error);
+        columns.impacts("in space,\nimpact 1", move |limit| limit.space.probes.over(scale));
+        write!(f, "\n{}", columns.table(limits.iter().copied()))?;
+        for Limit { family, refused, .. } in limits {
+            refused.iter().try_for_each(|why| writeln!(f, "    {family} not by {why}"))?;
         }
         Ok(())
     }
 
     fn write_runs(&self, f: &mut fmt::Formatter, mesh: &str) -> fmt::Result {
-        let (runs, front, floor) = (self.runs_on(mesh), self.front_on(mesh), self.floor());
-        let axis = self.ranked_on(mesh).1;
+        let (runs, floor, scale) = (self.runs_on(mesh), self.floor(), self.scales.deflection);
         let has_limits = runs.iter().any(|run| run.time.is_some());
         let (name, errors) = if has_limits { ("", "in time,\nimpact 1") } else { (mesh, "whole,\nimpact 1") };
-        let scale = self.scales.deflection;
-        let relative = move |d: Deviation| d.rms / scale;
         let probes = |run: &Run| run.time.as_ref().map_or(run.whole.probes, |time| time.probes);
         let has_step = |run: &Run| run.case.method.scheme.name().has_step();
-        let is_best = |run: &Run| front.iter().any(|other| std::ptr::eq(*other, run));
-        let is_low = |run: &Run| is_at_floor(run, floor.as_ref());
         let mark = |is: bool, mark: &'static str| if is { mark } else { "" };
         let mut columns = TableColumns::default();
         columns.add(name, |run: &Run| run.case.method.to_string());
@@ -131,59 +107,49 @@ impl Accuracy {
         columns.add("steps", |run| grouped(run.steps));
         columns.add("set-up,\nms", |run| milliseconds(run.set_up_seconds));
         columns.add("stepping,\nms", |run| milliseconds(run.stepping_seconds));
-        columns.add(errors, move |run| small(probes(run).first_impact.map(relative)));
-        columns.add("\nimpact 2", move |run| small(probes(run).second_impact.map(relative)));
-        columns.add("\nend", move |run| small(Some(relative(probes(run).end))));
-        columns.add("whole, after\nimpact 1", move |run| small(run.whole.after_impact.map(relative)));
+        columns.impacts(errors, move |run| probes(run).over(scale));
+        columns
+            .add("whole, after\nimpact 1", move |run| small(run.whole.after_impact.map(|d| d.rms / scale)));
         columns.add("energy\nsplit", |run| small(run.whole.kinetic.map(|d| d.rms)));
         columns.add("first\nimpact, s", |run| small(run.first_impact_error));
         columns.add("energy\ndrift", |run| small(run.energy_drift.map(|[end, _]| end)));
         columns.add("VI\niterations", |run| grouped(run.vi_iterations));
         columns.add("larger\nerror", |run| run.dominating().unwrap_or("-").into());
-        columns.add("", |run| mark(is_best(run), "*").to_owned() + mark(is_low(run), "~"));
-        write!(f, "{}", columns.table(runs.iter().copied()))?;
-        writeln!(
-            f,
-            "    * on the front of {} against seconds   ~ not told from {}",
-            axis_words(axis),
-            if has_limits { "the limit's own error" } else { "the floor" }
-        )?;
+        columns.add("", |run| {
+            mark(self.is_on_front(run), "*").to_owned() + mark(is_at_floor(run, floor.as_ref()), "~")
+        });
+        write!(f, "\n{}", columns.table(runs.iter().copied()))?;
+        let axis = axis_words(self.ranked_on(mesh).1);
+        let floor = if has_limits { "the limit's own error" } else { "the floor" };
+        writeln!(f, "    * on the front of {axis} against seconds   ~ not told from {floor}")?;
         if self.at_once > 1 {
-            writeln!(
-                f,
-                "    {} runs were made at once: the seconds, and the front, are not to be relied on",
-                self.at_once
-            )?;
+            let words = "runs were made at once: the seconds, and the front, are not to be relied on";
+            writeln!(f, "    {} {words}", self.at_once)?;
         }
         Ok(())
     }
 
     fn write_orders(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let mut table = Table::new(&["order in time", "mesh", "up to\nimpact 1", "\nimpact 2", "\nend"]);
-        let mut any = false;
-        for row in self.time_orders() {
-            let orders = [row.first_impact, row.second_impact, row.end];
-            if orders.iter().any(Option::is_some) {
-                any = true;
-                let mut cells = vec![row.method, row.mesh];
-                cells.extend(orders.map(order));
-                table.row(cells);
-            }
-        }
-        if any {
-            write!(f, "\n{table}")?;
-        }
-        let orders = self.space_orders();
+        let mut columns = TableColumns::default();
+        columns.add("order in time", |row: &TimeOrder| row.method.clone());
+        columns.add("mesh", |row| row.mesh.clone());
+        columns.add("up to\nimpact 1", |row| order(row.first_impact));
+        columns.add("\nimpact 2", |row| order(row.second_impact));
+        columns.add("\nend", |row| order(row.end));
+        let mut orders = self.time_orders();
+        orders.retain(|row| row.first_impact.or(row.second_impact).or(row.end).is_some());
         if !orders.is_empty() {
-            let mut table = Table::new(&["order in space, singular mass", "deflection", "energy norm"]);
-            for row in orders {
-                let family =
-                    if row.family == "singular" { String::new() } else { format!(", {}", row.family) };
-                table.row([row.meshes.join(" to ") + &family, order(row.l2), order(row.energy)]);
-            }
-            write!(f, "\n{table}")?;
+            write!(f, "\n{}", columns.table(&orders))?;
         }
-        Ok(())
+        let mut columns = TableColumns::default();
+        columns.add("order in space, singular mass", |row: &SpaceOrder| match &*row.family {
+            "singular" => row.meshes.join(" to "),
+            family => format!("{}, {family}", row.meshes.join(" to ")),
+        });
+        columns.add("deflection", |row| order(row.l2));
+        columns.add("energy norm", |row| order(row.energy));
+        let orders = self.space_orders();
+        if orders.is_empty() { Ok(()) } else { write!(f, "\n{}", columns.table(&orders)) }
     }
 
     /// Formats `study.csv`: one row per run, every number to the last bit.
@@ -199,12 +165,8 @@ impl Accuracy {
     /// `space_error`, `whole_error` and `energy_split` are relative.
     fn columns(&self) -> TableColumns<'_, Run> {
         let floor = self.floor();
-        let is_best = |run: &Run| {
-            let front = self.front_on(&mesh_name(&run.case.grid));
-            front.iter().any(|other| std::ptr::eq(*other, run))
-        };
         let mut columns = TableColumns::default();
-        columns.add("mesh", |run: &Run| mesh_name(&run.case.grid));
+        columns.add("mesh", |run: &Run| run.mesh.clone());
         columns.add("scheme", |run| run.case.method.scheme.name().to_string());
         columns.add("mass", |run| run.case.method.mass.to_string());
         columns.add("restitution", |run| {
@@ -230,7 +192,7 @@ impl Accuracy {
         columns.number("largest_energy_drift", |run| run.energy_drift.map(|[_, largest]| largest));
         columns.number("worst_kkt", |run| Some(run.worst_kkt));
         columns.add("at_floor", move |run| is_at_floor(run, floor.as_ref()).to_string());
-        columns.add("on_front", move |run| is_best(run).to_string());
+        columns.add("on_front", |run| self.is_on_front(run).to_string());
         columns.add("modes", |run| run.case.method.modes.map_or(String::new(), |modes| modes.to_string()));
         columns.number("whole_error", |run| Some(run.whole_error));
         columns.parts("whole", |run| Some(run.whole.probes));
@@ -265,14 +227,13 @@ fn is_at_floor(run: &Run, floor: Option<&Floor>) -> bool {
     run.at_floor || run.time.is_none() && floor.is_some_and(|floor| run.whole_error < floor.deflection)
 }
 
-/// Formats the root mean squares of the three parts, divided by a scale.
-fn parts(deviations: &Parts<Deviation>, scale: f64) -> [String; 3] {
-    let relative = |d: Deviation| d.rms / scale;
-    [
-        small(deviations.first_impact.map(relative)),
-        small(deviations.second_impact.map(relative)),
-        small(Some(relative(deviations.end))),
-    ]
+impl<'a, T> TableColumns<'a, T> {
+    /// Adds the root mean squares of the three parts of a run, of which the first has this head.
+    fn impacts(&mut self, head: &str, values: impl Fn(&T) -> Parts<Deviation> + Copy + 'a) {
+        self.add(head, move |item| small(values(item).first_impact.map(|d| d.rms)));
+        self.add("\nimpact 2", move |item| small(values(item).second_impact.map(|d| d.rms)));
+        self.add("\nend", move |item| small(Some(values(item).end.rms)));
+    }
 }
 
 /// Returns the name of the error that ranks runs.
@@ -281,20 +242,6 @@ fn axis_words(axis: Axis) -> &'static str {
         Axis::Time => "error in time",
         Axis::Whole => "whole error",
     }
-}
-
-/// Writes a table for each mesh, and one for all runs.
-fn write_cheapest(f: &mut fmt::Formatter, choices: &[CheapestRun]) -> fmt::Result {
-    for choices in choices.chunk_by(|a, b| a.among == b.among) {
-        let mut table = Table::new(&["accuracy", "run", "ms", "error"]);
-        for CheapestRun { accuracy, run, seconds, error, .. } in choices {
-            let run = run.clone().unwrap_or_else(|| "none".into());
-            let time = seconds.map_or("-".into(), milliseconds);
-            table.row([format!("{accuracy:e}"), run, time, small(*error)]);
-        }
-        write!(f, "\n{}\n{table}", choices[0].among)?;
-    }
-    Ok(())
 }
 
 /// Cheapest run that reaches an accuracy.
@@ -366,7 +313,7 @@ impl Accuracy {
         let choices = |(among, runs, axis): (String, Vec<&Run>, Axis)| {
             let front = front(&runs, axis);
             ACCURACIES.map(|accuracy| {
-                let run = cheapest(&front, axis, accuracy);
+                let run = front.iter().find(|run| axis.error(run) <= accuracy).copied();
                 CheapestRun {
                     among: among.clone(),
                     accuracy,

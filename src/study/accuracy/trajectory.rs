@@ -2,97 +2,74 @@
 
 use super::norms::Norms;
 use crate::error::Result;
-use crate::linalg::Engine;
 use crate::linalg::vectors::difference;
 use crate::scene::{Horizon, Scene};
-use crate::scheme::{Scheme, Solution};
-use crate::simulation::{self, Model, Observer, Outcome, Row, SolverFactory};
+use crate::scheme::Solution;
+use crate::simulation::{Observer, Outcome, Row};
 use serde::{Deserialize, Serialize};
+
+/// Deflections and kinetic energies of a motion at the instants of comparison.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Samples {
+    /// Deflections at the probes in m, one row per instant.
+    pub probes: Vec<Vec<f64>>,
+    /// Kinetic energies in J.
+    pub kinetic: Vec<f64>,
+}
 
 /// Record of a run at the instants of comparison.
 #[derive(Debug, Clone, Default)]
 pub struct Trajectory {
     /// Instants in s.
     pub times: Vec<f64>,
-    /// Deflections at the probes in m, one row per instant.
-    pub probes: Vec<Vec<f64>>,
+    /// Deflections and kinetic energies at these instants.
+    pub samples: Samples,
     /// Displacements over the native engine's free dofs, one per instant; empty if they were not
     /// kept.
     pub fields: Vec<Vec<f64>>,
     /// Energies in J.
     pub energies: Vec<f64>,
-    /// Kinetic energies in J.
-    pub kinetic: Vec<f64>,
-}
-
-struct TrajectoryRecorder {
-    trajectory: Trajectory,
     keep_fields: bool,
 }
 
-impl Observer for TrajectoryRecorder {
+impl Observer for Trajectory {
     fn row(&mut self, row: &Row) -> Result<()> {
-        self.trajectory.times.push(row.time);
-        self.trajectory.probes.push(row.probes.to_vec());
-        self.trajectory.energies.push(row.energy);
-        self.trajectory.kinetic.push(row.kinetic);
+        self.times.push(row.time);
+        self.samples.probes.push(row.probes.to_vec());
+        self.samples.kinetic.push(row.kinetic);
+        self.energies.push(row.energy);
         Ok(())
     }
 
     fn state(&mut self, scheme: &dyn Solution) -> Result<()> {
         if self.keep_fields {
-            self.trajectory.fields.push(scheme.displacement().to_vec());
+            self.fields.push(scheme.displacement().to_vec());
         }
         Ok(())
     }
 }
 
 impl Trajectory {
-    /// Runs a model and records its rows.
+    /// Returns the record of a run of a scene, which `run` makes with an observer.
+    ///
+    /// A last row that lies between two instants of comparison is left out. Such a row is written
+    /// where the run's end is no multiple of the interval.
     ///
     /// # Errors
     /// Returns the error that ends the run early.
-    pub fn record<E: Engine>(
-        scene: &Scene,
-        model: &Model<E>,
-        solver: &SolverFactory<E>,
-        keep_fields: bool,
-    ) -> Result<(Trajectory, Outcome)> {
-        Self::recorded(scene, keep_fields, |recorder| simulation::run(scene, model, solver, recorder))
-    }
-
-    /// Follows a scheme from its start and records its rows.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Trajectory::record`].
-    pub fn of<E: Engine>(
-        scene: &Scene,
-        model: &Model<E>,
-        scheme: Box<dyn Scheme + '_>,
-        keep_fields: bool,
-    ) -> Result<(Trajectory, Outcome)> {
-        Self::recorded(scene, keep_fields, |recorder| {
-            simulation::run_scheme(scene, model, scheme, 0.0, recorder)
-        })
-    }
-
-    /// Returns the record of a run without a last row that lies between two instants of comparison.
-    ///
-    /// Such a row is written where the run's end is no multiple of the interval.
-    fn recorded(
+    pub fn record(
         scene: &Scene,
         keep_fields: bool,
-        run: impl FnOnce(&mut TrajectoryRecorder) -> Result<(Outcome, Result<()>)>,
+        run: impl FnOnce(&mut Trajectory) -> Result<(Outcome, Result<()>)>,
     ) -> Result<(Trajectory, Outcome)> {
-        let mut recorder = TrajectoryRecorder { trajectory: Trajectory::default(), keep_fields };
-        let (outcome, ended) = run(&mut recorder)?;
+        let mut trajectory = Trajectory { keep_fields, ..Trajectory::default() };
+        let (outcome, ended) = run(&mut trajectory)?;
         ended?;
-        let mut trajectory = recorder.trajectory;
         if !scene.time.steps().is_multiple_of(scene.output.every) {
             trajectory.times.pop();
-            trajectory.probes.pop();
+            trajectory.samples.probes.pop();
+            trajectory.samples.kinetic.pop();
             trajectory.energies.pop();
-            trajectory.kinetic.pop();
             trajectory.fields.pop();
         }
         Ok((trajectory, outcome))
@@ -100,7 +77,7 @@ impl Trajectory {
 
     /// Returns the largest deflection at any probe, in m, which is the scale of relative errors.
     pub fn scale(&self) -> f64 {
-        self.probes.iter().flatten().fold(0.0, |scale, w| w.abs().max(scale))
+        self.samples.probes.iter().flatten().fold(0.0, |scale, w| w.abs().max(scale))
     }
 
     /// Returns the relative change of the energy at the end, and its largest magnitude during the
@@ -125,21 +102,16 @@ pub struct Deviation {
 }
 
 impl Deviation {
-    /// Returns the deviation of some errors.
-    fn of(errors: impl Iterator<Item = f64>) -> Deviation {
+    /// Returns the deviation of the errors at the instants of an interval, one row per instant.
+    pub(super) fn within(times: &[f64], errors: &[Vec<f64>], [from, to]: [f64; 2]) -> Deviation {
+        let rows = times.iter().zip(errors).filter(|(time, _)| from <= **time && **time <= to);
         let (mut sum, mut number, mut max) = (0.0, 0_usize, 0.0_f64);
-        for error in errors {
+        for error in rows.flat_map(|(_, row)| row) {
             sum += error * error;
             number += 1;
             max = if error.is_nan() { f64::NAN } else { max.max(error.abs()) };
         }
         Deviation { rms: (sum / number.max(1) as f64).sqrt(), max }
-    }
-
-    /// Returns the deviation of the errors at the instants of an interval, one row per instant.
-    pub(super) fn within(times: &[f64], errors: &[Vec<f64>], [from, to]: [f64; 2]) -> Deviation {
-        let rows = times.iter().zip(errors).filter(|(time, _)| from <= **time && **time <= to);
-        Deviation::of(rows.flat_map(|(_, row)| row.iter().copied()))
     }
 }
 
@@ -154,16 +126,30 @@ pub struct Parts<T> {
     pub end: T,
 }
 
-impl<T: Copy> Parts<T> {
-    /// Computes one value per part, from the instants at which impacts of the reference begin.
-    pub(super) fn new(impacts: &[f64], value: impl Fn(f64) -> T) -> Parts<T> {
+impl Parts<Deviation> {
+    /// Returns the deviations of errors, one row per instant, up to the instants at which impacts
+    /// of the reference begin.
+    pub(super) fn new(times: &[f64], errors: &[Vec<f64>], impacts: &[f64]) -> Parts<Deviation> {
+        let up_to = |end: f64| Deviation::within(times, errors, [f64::NEG_INFINITY, end]);
         Parts {
-            first_impact: impacts.first().map(|&end| value(end)),
-            second_impact: impacts.get(1).map(|&end| value(end)),
-            end: value(f64::INFINITY),
+            first_impact: impacts.first().map(|&end| up_to(end)),
+            second_impact: impacts.get(1).map(|&end| up_to(end)),
+            end: up_to(f64::INFINITY),
         }
     }
 
+    /// Returns the deviations relative to a scale.
+    pub(super) fn over(&self, scale: f64) -> Parts<Deviation> {
+        let relative = |d: Deviation| Deviation { rms: d.rms / scale, max: d.max / scale };
+        Parts {
+            first_impact: self.first_impact.map(relative),
+            second_impact: self.second_impact.map(relative),
+            end: relative(self.end),
+        }
+    }
+}
+
+impl<T: Copy> Parts<T> {
     /// Returns the value that ranks runs: at the horizon, or later if the reference lacks its
     /// impact.
     pub fn at(&self, horizon: Horizon) -> T {
@@ -172,15 +158,6 @@ impl<T: Copy> Parts<T> {
             Horizon::FirstImpact => self.first_impact.unwrap_or(second),
             Horizon::SecondImpact => second,
             Horizon::End => self.end,
-        }
-    }
-
-    /// Applies a function to each part.
-    pub fn map<U>(&self, function: impl Fn(T) -> U) -> Parts<U> {
-        Parts {
-            first_impact: self.first_impact.map(&function),
-            second_impact: self.second_impact.map(&function),
-            end: function(self.end),
         }
     }
 }
@@ -213,10 +190,8 @@ impl Distance {
     ) -> Distance {
         let count = run.times.len().min(reference.times.len());
         let times = &reference.times[..count];
-        let parts = |values: &[Vec<f64>]| {
-            Parts::new(impacts, |end| Deviation::within(times, values, [f64::NEG_INFINITY, end]))
-        };
-        let probes = parts(&differences(&run.probes, &reference.probes));
+        let parts = |values: &[Vec<f64>]| Parts::new(times, values, impacts);
+        let probes = parts(&differences(&run.samples.probes, &reference.samples.probes));
         let mut distance = Distance { probes, ..Distance::default() };
         let Some(norms) = norms else { return distance };
         let column =

@@ -10,7 +10,7 @@ use super::{Runner, run_native};
 use crate::error::Result;
 use crate::scene::{Grid, Mass, Massless, Scene, SchemeSpec};
 use crate::scheme::{Exact, ExactOptions};
-use crate::simulation::{Model, Outcome};
+use crate::simulation::{self, Model, Outcome};
 use std::fmt;
 
 /// First interval of the event search, in periods of the fastest mode divided by 2 pi.
@@ -187,7 +187,9 @@ fn exactly(scene: &Scene, stride: f64, keep_fields: bool) -> Result<(Trajectory,
     let model = Model::new(scene)?;
     let options = ExactOptions { stride, ..ExactOptions::default() };
     let scheme = Exact::with_options(&model.system, scene.time.step, model.start.clone(), options)?;
-    Trajectory::of(scene, &model, Box::new(scheme), keep_fields)
+    Trajectory::record(scene, keep_fields, |trajectory| {
+        simulation::run_scheme(scene, &model, Box::new(scheme), 0.0, trajectory)
+    })
 }
 
 /// Returns the starts and ends of impacts: repeated contacts at short intervals belong to one

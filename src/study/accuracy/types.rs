@@ -1,9 +1,9 @@
 //! Results of a study: limits, runs and failures.
 
-use super::plan::{Case, Dropped, mesh_name};
-use super::trajectory::{Deviation, Distance, Parts};
+use super::plan::{Absent, Case, mesh_name};
+use super::trajectory::{Deviation, Distance, Parts, Samples};
 use super::truth::Family;
-use super::whole::{BestRun, Floor, ReferenceMotion, Whole, floor};
+use super::whole::{BestRun, Floor, ReferenceMotion, Whole};
 use crate::scene::{Grid, Horizon, Mass, Scene, Study};
 use serde::{Deserialize, Serialize};
 
@@ -49,6 +49,8 @@ pub struct Limit {
 /// Measurements of one run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Run {
+    /// Name of the mesh.
+    pub mesh: String,
     /// Mesh, method and step.
     #[serde(flatten)]
     pub case: Case,
@@ -107,15 +109,6 @@ impl Run {
     }
 }
 
-/// Run that did not reach its end.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Failure {
-    /// Name of the run.
-    pub what: String,
-    /// Reason of the failure.
-    pub why: String,
-}
-
 /// Results of a study: the cost and the errors of each run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Accuracy {
@@ -143,10 +136,9 @@ pub struct Accuracy {
     /// Completed runs.
     pub runs: Vec<Run>,
     /// Failed runs.
-    pub failures: Vec<Failure>,
+    pub failures: Vec<Absent>,
     /// Combinations left out.
-    #[serde(skip_deserializing)]
-    pub dropped: Vec<Dropped>,
+    pub dropped: Vec<Absent>,
     /// Largest number of simultaneous runs; times are unreliable if it exceeds 1.
     pub at_once: usize,
 }
@@ -165,14 +157,62 @@ impl Accuracy {
     }
 
     /// Returns the largest distance between the best runs of the masses on the finest mesh and the
-    /// motion on the reference mesh, in a study of the floor.
+    /// motion on the reference mesh; `None` for fewer than two masses.
     pub fn floor(&self) -> Option<Floor> {
-        floor(&self.motion, &self.best, self.until, self.scales.deflection)
+        let Accuracy { motion, best, until, scales, .. } = self;
+        let runs = best.iter().map(|run| run.name.clone()).collect();
+        let mut floor = Floor { deflection: 0.0, after_impact: None, kinetic: None, runs };
+        let motions: Vec<&Samples> =
+            std::iter::once(&motion.samples).chain(best.iter().map(|run| &run.samples)).collect();
+        let larger = |a: Option<f64>, b: Option<Deviation>, scale: f64| {
+            b.map_or(a, |b| Some(a.unwrap_or(0.0).max(b.rms / scale)))
+        };
+        for (number, a) in motions.iter().enumerate() {
+            for b in &motions[number + 1..] {
+                let distance = motion.between(a, b);
+                let deflection = distance.probes.at(*until).rms / scales.deflection;
+                floor.deflection = floor.deflection.max(deflection);
+                floor.after_impact = larger(floor.after_impact, distance.after_impact, scales.deflection);
+                floor.kinetic = larger(floor.kinetic, distance.kinetic, 1.0);
+            }
+        }
+        (best.len() > 1).then_some(floor)
     }
 
     /// Returns the limit of a family on a mesh.
     pub(super) fn limit(&self, grid: &Grid, family: Family) -> Option<&Limit> {
         let (mesh, family) = (mesh_name(grid), family.to_string());
         self.limits.iter().find(|limit| limit.mesh == mesh && limit.family == family)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Accuracy, BestRun, ReferenceMotion, Samples, Scales};
+    use crate::scene::{Horizon, Mass};
+    use crate::study::accuracy::whole::keep_best;
+
+    /// Motion with one probe at rest, and with a constant kinetic energy.
+    fn still(w: f64) -> Samples {
+        Samples { probes: vec![vec![w]; 6], kinetic: vec![w; 6] }
+    }
+
+    #[test]
+    fn the_floor_is_the_largest_distance_of_the_best_runs() {
+        // The only impact lasts from 1 s to 2 s; the next starts at 4 s.
+        let (times, impacts) = ((0..6).map(f64::from).collect(), vec![[1.0, 2.0], [4.0, 4.5]]);
+        let motion = ReferenceMotion { times, samples: still(0.0), impacts, energy: 10.0 };
+        let scales = Scales { deflection: 2.0, ..Scales::default() };
+        let mut study = Accuracy { motion, until: Horizon::End, scales, ..Accuracy::default() };
+        let run = |mass, error, w: f64| BestRun { name: format!("{w}"), mass, error, samples: still(w) };
+        keep_best(&mut study.best, run(Mass::Singular, 0.3, 3.0));
+        assert!(study.floor().is_none());
+        keep_best(&mut study.best, run(Mass::Singular, 0.2, 2.0));
+        keep_best(&mut study.best, run(Mass::Singular, 0.9, 9.0));
+        keep_best(&mut study.best, run(Mass::Modal, 0.1, -1.0));
+        let floor = study.floor().unwrap();
+        assert_eq!(floor.runs, ["2", "-1"]);
+        assert_eq!((floor.deflection, floor.after_impact), (1.5, Some(1.5)));
+        assert!((floor.kinetic.unwrap() - 0.3).abs() < 1e-15);
     }
 }

@@ -5,25 +5,9 @@
 //! run moves freely: the *energy split* is the root mean square of its difference there, relative
 //! to the energy at the start.
 
-use super::trajectory::{Deviation, Parts, Trajectory, differences};
-use crate::scene::{Horizon, Mass};
+use super::trajectory::{Deviation, Parts, Samples, Trajectory, differences};
+use crate::scene::Mass;
 use serde::{Deserialize, Serialize};
-
-/// Deflections and kinetic energies of a motion at the instants of comparison.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Samples {
-    /// Deflections at the probes in m, one row per instant.
-    pub probes: Vec<Vec<f64>>,
-    /// Kinetic energies in J.
-    pub kinetic: Vec<f64>,
-}
-
-impl Samples {
-    /// Creates the samples of a trajectory.
-    pub fn new(trajectory: &Trajectory) -> Samples {
-        Samples { probes: trajectory.probes.clone(), kinetic: trajectory.kinetic.clone() }
-    }
-}
 
 /// Motion on the reference mesh.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -56,7 +40,7 @@ impl ReferenceMotion {
     pub fn new(trajectory: &Trajectory, impacts: &[[f64; 2]]) -> ReferenceMotion {
         ReferenceMotion {
             times: trajectory.times.clone(),
-            samples: Samples::new(trajectory),
+            samples: trajectory.samples.clone(),
             impacts: impacts.to_vec(),
             energy: trajectory.energies.first().map_or(0.0, |energy| energy.abs()),
         }
@@ -75,7 +59,7 @@ impl ReferenceMotion {
     }
 
     /// Returns the distance between two runs, in the intervals of this motion.
-    fn between(&self, a: &Samples, b: &Samples) -> Whole {
+    pub(super) fn between(&self, a: &Samples, b: &Samples) -> Whole {
         let probes = differences(&a.probes, &b.probes);
         let within = |values: &[Vec<f64>], interval| Deviation::within(&self.times, values, interval);
         let starts: Vec<f64> = self.impacts.iter().map(|[start, _]| *start).collect();
@@ -85,7 +69,7 @@ impl ReferenceMotion {
             within(&pairs.map(|(a, b)| vec![(a - b) / self.energy]).collect::<Vec<_>>(), flight)
         });
         Whole {
-            probes: Parts::new(&starts, |end| within(&probes, [f64::NEG_INFINITY, end])),
+            probes: Parts::new(&self.times, &probes, &starts),
             after_impact: flight.map(|flight| within(&probes, flight)),
             kinetic,
         }
@@ -131,39 +115,9 @@ pub struct Floor {
     pub runs: Vec<String>,
 }
 
-/// Returns the floor of the best runs, for deflections relative to `scale` in m; `None` for fewer
-/// than two masses.
-pub(super) fn floor(
-    reference: &ReferenceMotion,
-    best: &[BestRun],
-    until: Horizon,
-    scale: f64,
-) -> Option<Floor> {
-    if best.len() < 2 {
-        return None;
-    }
-    let motions: Vec<&Samples> =
-        std::iter::once(&reference.samples).chain(best.iter().map(|run| &run.samples)).collect();
-    let mut floor = Floor { deflection: 0.0, after_impact: None, kinetic: None, runs: vec![] };
-    let larger = |a: Option<f64>, b: Option<Deviation>, scale: f64| {
-        b.map_or(a, |b| Some(a.unwrap_or(0.0).max(b.rms / scale)))
-    };
-    for (number, a) in motions.iter().enumerate() {
-        for b in &motions[number + 1..] {
-            let distance = reference.between(a, b);
-            floor.deflection = floor.deflection.max(distance.probes.at(until).rms / scale);
-            floor.after_impact = larger(floor.after_impact, distance.after_impact, scale);
-            floor.kinetic = larger(floor.kinetic, distance.kinetic, 1.0);
-        }
-    }
-    floor.runs = best.iter().map(|run| run.name.clone()).collect();
-    Some(floor)
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{BestRun, ReferenceMotion, Samples, floor, keep_best};
-    use crate::scene::{Horizon, Mass};
+    use super::{ReferenceMotion, Samples};
 
     /// Motion with one probe, whose only impact lasts from 1 s to 2 s; the next starts at 4 s.
     fn motion() -> ReferenceMotion {
@@ -197,25 +151,5 @@ mod tests {
         // At rest without energy nothing scales the kinetic energy.
         let at_rest = ReferenceMotion { energy: 0.0, ..motion() };
         assert!(at_rest.distance(&at_rest.samples).kinetic.is_none());
-    }
-
-    #[test]
-    fn the_floor_is_the_largest_distance_of_the_best_runs() {
-        let mut best = Vec::new();
-        let run = |mass, error, w: f64| BestRun {
-            name: format!("{w}"),
-            mass,
-            error,
-            samples: samples([w; 6], [w; 6]),
-        };
-        keep_best(&mut best, run(Mass::Singular, 0.3, 3.0));
-        assert!(floor(&motion(), &best, Horizon::End, 1.0).is_none());
-        keep_best(&mut best, run(Mass::Singular, 0.2, 2.0));
-        keep_best(&mut best, run(Mass::Singular, 0.9, 9.0));
-        keep_best(&mut best, run(Mass::Modal, 0.1, -1.0));
-        let floor = floor(&motion(), &best, Horizon::End, 2.0).unwrap();
-        assert_eq!(floor.runs, ["2", "-1"]);
-        assert_eq!((floor.deflection, floor.after_impact), (1.5, Some(1.5)));
-        assert!((floor.kinetic.unwrap() - 0.3).abs() < 1e-15);
     }
 }

@@ -1,13 +1,13 @@
 //! Folder of a finished run, read for pictures and for the report.
 
+use super::contacts::Contact;
+use super::history::Table;
+use super::plot::perspective::{self, ColorBy};
+use super::plot::{Figure, Obstacle, forces, run};
+use super::resolved::{obstacles, quantity};
+use super::vtu::{self, Surface};
+use super::{checkpoint, contacts, extremes, history, if_there, summary};
 use crate::error::{Error, Result};
-use crate::output::contacts::Contact;
-use crate::output::history::Table;
-use crate::output::plot::perspective::{self, ColorBy};
-use crate::output::plot::{Figure, Obstacle, forces, run};
-use crate::output::resolved::{obstacles, quantity};
-use crate::output::vtu::{self, Surface};
-use crate::output::{checkpoint, contacts, extremes, history, summary};
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -15,7 +15,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 /// Files of a run.
-pub(super) struct RunFolder {
+pub(crate) struct RunFolder {
     pub folder: PathBuf,
     pub summary: Value,
     pub table: Table,
@@ -28,10 +28,7 @@ pub(super) struct RunFolder {
 }
 
 /// Pictures of a run by name, and remarks on those that it lacks.
-pub(super) struct RunPictures {
-    pub figures: Vec<(&'static str, Figure)>,
-    pub absent: Vec<&'static str>,
-}
+type RunPictures = (Vec<(&'static str, Figure)>, Vec<&'static str>);
 
 impl RunFolder {
     /// Reads the files of a folder, except the snapshots themselves.
@@ -56,14 +53,18 @@ impl RunFolder {
         obstacles(&self.summary["scene"], &self.opposite)
     }
 
+    /// Reads at most `most` snapshots, with their times in s.
+    pub fn surfaces(&self, most: usize) -> Result<Vec<(f64, Surface)>> {
+        let chosen = perspective::spread(&self.snapshots, most).into_iter();
+        chosen.map(|(time, path)| Ok((*time, vtu::read(path)?))).collect()
+    }
+
     /// Draws all pictures.
     pub fn pictures(&self) -> Result<RunPictures> {
         let RunFolder { folder, summary, table, contacts, opposite, .. } = self;
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
-        let read = |(time, path): &(f64, PathBuf)| Ok((*time, vtu::read(path)?));
-        let snapshots: Vec<(f64, Surface)> =
-            perspective::chosen(&self.snapshots).into_iter().map(read).collect::<Result<_>>()?;
+        let snapshots = self.surfaces(perspective::MOST)?;
         let outline = match snapshots.first() {
             Some((_, surface)) => surface.outline(),
             None => rectangle(scene),
@@ -104,30 +105,25 @@ impl RunFolder {
                 perspective::colored(vec![(0.0, vtu::read(&path)?)], title, ColorBy::Envelope),
             ));
         }
-        Ok(RunPictures { figures, absent })
+        Ok((figures, absent))
     }
 }
 
 /// Reads `summary.json`, and tells what a folder without one is.
 fn read_summary(folder: &Path) -> Result<Value> {
     let path = folder.join(summary::FILE);
-    let text = match fs::read_to_string(&path) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound && folder.is_dir() => {
-            let shown = folder.display();
-            let what = if checkpoint::any(folder)? {
-                format!("not there, the run is unfinished: `rebond resume {shown}` goes on with it")
-            } else if folder.join(history::FILE).exists() {
-                "not there, the run is unfinished: `rebond run` makes it anew".to_owned()
-            } else {
-                "not there, the folder holds no run".to_owned()
-            };
-            return Err(Error::io(path)(io::Error::new(io::ErrorKind::NotFound, what)));
-        }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            let what = io::Error::new(io::ErrorKind::NotFound, "there is no such folder");
-            return Err(Error::io(folder)(what));
-        }
-        text => text.map_err(Error::io(&path))?,
+    let Some(text) = if_there(&path, fs::read_to_string(&path))? else {
+        let shown = folder.display();
+        let (absent, what) = if !folder.is_dir() {
+            (folder, "there is no such folder".to_owned())
+        } else if checkpoint::any(folder)? {
+            (&*path, format!("not there, the run is unfinished: `rebond resume {shown}` goes on with it"))
+        } else if folder.join(history::FILE).exists() {
+            (&*path, "not there, the run is unfinished: `rebond run` makes it anew".to_owned())
+        } else {
+            (&*path, "not there, the folder holds no run".to_owned())
+        };
+        return Err(Error::io(absent)(io::Error::new(io::ErrorKind::NotFound, what)));
     };
     let summary: Value =
         serde_json::from_str(&text).map_err(|why| Error::invalid(&path, format!("damaged: {why}")))?;
