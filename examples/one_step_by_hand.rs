@@ -17,7 +17,7 @@ use rebond::vi::{Answer, CheckedSolver, Condensed, Problem};
 pub(crate) fn main() -> rebond::Result<()> {
     let plate = Plate::isotropic(2e-3, 70e9, 0.33, 2700.0);
     let mesh = Mesh::rectangle(0.6, 0.3, [8, 4], ElementKind::Fvs, Diagonal::Right)?;
-    let dofs = DofMap::unsupported(&mesh);
+    let dofs = DofMap::new(&mesh, [])?;
     let cells = assembly::cells(&mesh, &dofs, &plate)?;
     let engine = Native::with_layout(dofs.layout(&mesh));
     let k = engine.form(assembly::stiffness(&cells));

@@ -17,7 +17,7 @@ pub struct Contact {
     pub begin: f64,
     /// Last instant with a reaction, or time of the event, in s.
     pub end: f64,
-    /// Impulse of the obstacle, the sum of [`Scheme::impulses`], in N s, positive upwards.
+    /// Impulse of the obstacle, the sum of [`Solution::impulses`], in N s, positive upwards.
     pub impulse: f64,
 }
 

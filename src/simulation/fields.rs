@@ -47,7 +47,7 @@ pub struct Snapshot<'f> {
     pub deflection: Vec<f64>,
     /// Derivatives of the deflection along x and y, one entry per point.
     pub slope: Vec<[f64; 2]>,
-    /// Velocity, in m/s, one entry per point; see [`Scheme::velocity`].
+    /// Velocity, in m/s, one entry per point; see [`Solution::velocity`].
     pub velocity: Vec<f64>,
     /// Gap to the nearest obstacle, in m, one entry per point, NaN at points without an obstacle;
     /// negative where a compliant stop gives way. `None` without obstacles.

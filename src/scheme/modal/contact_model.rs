@@ -120,7 +120,7 @@ impl ContactModel {
         let squares = saddle.modes.squares.clone();
         let shape = |i: usize, k: usize| shapes[(k, self.candidates[rigid[i]])];
         let shapes = Mat::from_fn(rigid.len(), squares.len(), shape);
-        Err(ContactCompliance { compliance: compliance, shapes, squares }.refusal())
+        Err(ContactCompliance { compliance, shapes, squares }.refusal())
     }
 
     /// Returns the candidates with a rigid bound. Bounds that yield have a compliance of their own.
