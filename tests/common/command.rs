@@ -5,6 +5,7 @@ use rustix::io::Errno;
 use rustix::process::{Pid, Signal, kill_process};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
+use std::sync::{Mutex, PoisonError};
 
 /// Makes an empty folder for a test and writes the scene `fall.toml` into it.
 pub fn folder(test: &str, scene: &str) -> PathBuf {
@@ -54,12 +55,16 @@ pub fn mpirun_program(folder: &Path, ranks: usize, program: &str) -> Command {
     command
 }
 
-/// Calls the command on several ranks. Jobs of other tests may run at the same time, since the
-/// ranks of a job mostly wait.
+/// Held by the job that runs. Ranks wait for each other, and two jobs at once, each with the cores
+/// that the other waits for, take up to three times as long as in turns.
+static TURN: Mutex<()> = Mutex::new(());
+
+/// Calls the command on several ranks, one job of a test program after the other.
 ///
 /// Where one rank exits with an error, Open MPI asks the others to end, and waits a second or two
 /// before it kills them. They have nothing left to do, so that it does not wait here.
 pub fn on(folder: &Path, ranks: usize, arguments: &[&str]) -> Output {
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     mpirun(folder, ranks, arguments).env("OMPI_MCA_odls_base_sigkill_timeout", "0").output().unwrap()
 }
 
