@@ -23,8 +23,8 @@ pub struct StopLawSpec {
     pub effect: &'static str,
     /// Unit of the stiffness at a point.
     pub unit: &'static str,
-    /// Law of a bound that yields itself, given its stiffness; such a stop touches at one point and
-    /// has no damping. `None` where a massless tip is bounded, and rigid, in place of the node.
+    /// Law of the node's own bound, given the stiffness: the stop then touches at one point and has
+    /// no damping. `None` where a rigid bound holds a massless tip in place of the node.
     pub law: Option<fn(f64) -> Arc<dyn ContactLaw>>,
 }
 

@@ -377,7 +377,7 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
     fits.then_some(surface).ok_or("arrays that do not fit")
 }
 
-/// Returns the attributes of all tags of a name, those of one tag in one text.
+/// Returns the attributes of all tags of a name, one text for each tag.
 fn tags<'t>(text: &'t str, name: &str) -> Vec<&'t str> {
     text.split(&format!("<{name}")).skip(1).filter_map(|rest| rest.split('>').next()).collect()
 }

@@ -54,7 +54,7 @@ pub struct StepRecord {
     /// one entry per bound, positive upwards. They are zero at the start.
     pub impulses: Vec<f64>,
     /// Bounds that may be in contact, ascending; `None` for all of them. The other bounds have no
-    /// reaction, and their entries of the configuration may be those of an earlier instant.
+    /// reaction, and their entries of the configuration may be of an earlier instant.
     pub candidates: Option<Vec<usize>>,
     /// Iterations and accuracy of the last solve.
     pub report: StepReport,

@@ -179,8 +179,8 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
         [exact(*p), -PI * PI * exact(*p), mixed, -PI * PI * exact(*p)]
     };
     let expected: Vec<Jet> = points.at.iter().map(jet).collect();
-    let own = Sampler::new(mesh, space, &points.at).unwrap().jets(&load);
-    let norms = points.distance(&own, &expected);
+    let jets = Sampler::new(mesh, space, &points.at).unwrap().jets(&load);
+    let norms = points.distance(&jets, &expected);
     [norms.l2, norms.energy]
 }
 

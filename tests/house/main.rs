@@ -208,9 +208,9 @@ fn riddles(source: &Source) -> Vec<String> {
 #[test]
 fn comments_can_be_read_alone() {
     let others = ["tests", "benches", "examples"].into_iter().flat_map(sources_in);
-    let found: Vec<String> =
+    let broken: Vec<String> =
         sources().into_iter().chain(others).flat_map(|source| riddles(&source)).collect();
-    assert!(found.is_empty(), "{}", found.join("\n"));
+    assert!(broken.is_empty(), "{}", broken.join("\n"));
 }
 
 #[test]

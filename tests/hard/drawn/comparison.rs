@@ -29,7 +29,7 @@ pub(super) fn run(folder: &Path, name: &str, toml: &str) -> Result<Columns, Stri
         .collect())
 }
 
-/// Returns the largest difference of the columns of a view from those of the plain scene, in parts
+/// Returns the largest difference of the columns of a view from the plain scene's, in parts
 /// of the tolerance, and its column.
 pub(super) fn difference(plain: &Columns, seen: &Columns, view: &View) -> (f64, String) {
     let compared: Vec<_> =
