@@ -200,7 +200,13 @@ pub trait Communicator: Clone + 'static {
     /// Returns the largest value of all ranks. Collective.
     ///
     /// A NaN is not lost: [`SelfComm`] returns it, the communicator of MPI returns infinity.
-    fn all_reduce_max(&self, value: f64) -> f64;
+    fn all_reduce_max(&self, value: f64) -> f64 {
+        self.all_reduce_max_each([value])[0]
+    }
+
+    /// Returns the largest value of all ranks at each place; see [`Communicator::all_reduce_max`].
+    /// Collective.
+    fn all_reduce_max_each<const N: usize>(&self, values: [f64; N]) -> [f64; N];
 
     /// Returns whether the condition holds on some rank. Collective.
     fn all_reduce_any(&self, holds: bool) -> bool {
@@ -265,8 +271,8 @@ impl Communicator for SelfComm {
         value
     }
 
-    fn all_reduce_max(&self, value: f64) -> f64 {
-        value
+    fn all_reduce_max_each<const N: usize>(&self, values: [f64; N]) -> [f64; N] {
+        values
     }
 
     fn all_reduce_any(&self, holds: bool) -> bool {

@@ -1,10 +1,12 @@
-//! Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
+//! Linear algebra over all ranks: products cell by cell, factors by substructures or by PETSc.
 
+use super::exchange::DofExchange;
 use super::factor::{PetscFactor, SystemSolver};
 use super::hierarchy::Hierarchy;
 use super::part::Part;
 use super::products::{CellOperator, CellProducts};
 use super::replicated::ReplicatedFactor;
+use super::substructure::{Substructure, SubstructuredFactor};
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
@@ -28,7 +30,7 @@ const COUNTING: [&str; 2] = ["mat_mumps_icntl_13", "mat_mumps_icntl_24"];
 /// Number of parts in which the rows of a matrix are added up.
 const PARTS: usize = 8;
 
-/// Linear algebra over all ranks: products cell by cell, factors and solves by PETSc.
+/// Linear algebra over all ranks: products cell by cell, factors by substructures or by PETSc.
 ///
 /// Each rank multiplies with its own cells. Vectors hold the free dofs of the nodes that a rank
 /// owns, in PETSc's order.
@@ -38,6 +40,7 @@ pub struct Distributed {
     /// Interpolation from coarser meshes, where these are kept.
     hierarchy: Option<Rc<Hierarchy>>,
     pub(super) products: Rc<CellProducts>,
+    part: Rc<Substructure>,
     /// Systems that iterations have solved.
     solves: Rc<Cell<LinearSolves>>,
     /// Position of each local dof in global vectors; negative for a constrained dof.
@@ -63,8 +66,10 @@ impl Distributed {
         let vector = plex.global_vector()?;
         let (first, owned) = (vector.range().start as usize, vector.local_size());
         let cells = Native::with_layout(part.space.layout(&part.mesh));
-        let products = Rc::new(CellProducts::new(plex.clone(), cells, global.len())?);
+        let exchange = DofExchange::new(context.comm(), &global, first, owned);
+        let products = Rc::new(CellProducts::new(exchange, cells));
         let mut engine = Distributed {
+            part: Rc::new(Substructure::new(context.comm(), &products, &global)),
             context,
             plex,
             hierarchy: part.hierarchy.clone(),
@@ -145,11 +150,8 @@ impl Distributed {
     }
 
     /// Adds up the contributions of all ranks over their local dofs. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn add_up(&self, local: &[f64], sums: &mut [f64]) -> Result<()> {
-        self.products.add_up(local, sums)
+    pub fn add_up(&self, local: &[f64], sums: &mut [f64]) {
+        self.products.add_up(local, sums);
     }
 
     /// Assembles the matrix of a positive definite linear combination of forms. Collective.
@@ -197,6 +199,25 @@ impl Distributed {
         let range = self.first..self.first + self.owned;
         let factor = ReplicatedFactor::new(&self.context, &entries, range, contact_dofs)?;
         Ok(Box::new(factor))
+    }
+
+    /// Factors a sum of forms by substructures, or with twice the digits where rounding spoils
+    /// that. Returns `None` where the interface is too large. Collective.
+    fn substructured(
+        &self,
+        sum: &LinearCombination,
+        contact_dofs: &[usize],
+    ) -> Result<Option<Box<dyn Factor>>> {
+        let factor = SubstructuredFactor::new(&self.part, sum, &self.diagonal(sum)?, contact_dofs);
+        let is_spoilt = matches!(factor, Err(Error::Singular(_)));
+        if self.comm().all_reduce_any(is_spoilt) {
+            return self.replicated(sum, contact_dofs).map(Some);
+        }
+        let Some(mut factor) = factor? else { return Ok(None) };
+        if estimate_factor_error(self, sum, &mut factor)? <= MOST_SPOILT {
+            return Ok(Some(Box::new(factor)));
+        }
+        self.replicated(sum, contact_dofs).map(Some)
     }
 
     /// Returns the contributions of this rank's cells to some rows of a linear combination of
@@ -248,7 +269,7 @@ impl Engine for Distributed {
     }
 
     fn to_local<'x>(&self, x: &'x [f64]) -> Result<Cow<'x, [f64]>> {
-        self.products.with_local(x, |local| Cow::Owned(local.to_vec()))
+        Ok(self.products.with_local(x, |local| Cow::Owned(local.to_vec())))
     }
 
     fn multiply_cells(&self, form: &Form, x: &[f64], y: &mut [f64]) -> Result<f64> {
@@ -258,13 +279,14 @@ impl Engine for Distributed {
     }
 
     fn cell_velocities(&self, mass: &SingularMassCells, x: &[f64], v: &mut [f64]) -> Result<()> {
-        self.products.with_local(x, |x| self.cells().cell_velocities(mass, x, v))?
+        self.products.with_local(x, |x| self.cells().cell_velocities(mass, x, v))
     }
 
     fn cell_momenta(&self, mass: &SingularMassCells, v: &[f64], y: &mut [f64]) -> Result<()> {
         let mut local = vec![0.0; self.global.len()];
         self.cells().cell_momenta(mass, v, &mut local)?;
-        self.add_up(&local, y)
+        self.add_up(&local, y);
+        Ok(())
     }
 
     fn multiply_with_magnitude(
@@ -293,7 +315,7 @@ impl Engine for Distributed {
         let local = self.cells().couplings(sum)?;
         let magnitudes: Vec<f64> = local.iter().map(|coupling| coupling.magnitude).collect();
         let mut sums = vec![0.0; self.owned];
-        self.add_up(&magnitudes, &mut sums)?;
+        self.add_up(&magnitudes, &mut sums);
         let mut couplings = vec![RowCoupling::default(); self.owned];
         for (dof, coupling) in local.iter().enumerate().filter(|(_, coupling)| coupling.magnitude > 0.0) {
             if let (Some(dof), Some(to)) = (self.own_dof(dof), self.own_dof(coupling.to as usize)) {
@@ -305,12 +327,17 @@ impl Engine for Distributed {
 
     fn diagonal(&self, sum: &LinearCombination) -> Result<Vec<f64>> {
         let mut diagonal = vec![0.0; self.owned];
-        self.add_up(&self.cells().diagonal(sum)?, &mut diagonal)?;
+        self.add_up(&self.cells().diagonal(sum)?, &mut diagonal);
         Ok(diagonal)
     }
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
         let linear = SystemSolver::new(&self.context, self.hierarchy.as_ref())?;
+        if let SystemSolver::Substructures = linear
+            && let Some(factor) = self.substructured(sum, contact_dofs)?
+        {
+            return Ok(factor);
+        }
         let is_direct = linear.method() == LinearMethod::Direct;
         let mut matrix = self.symmetric_matrix(sum, matches!(linear, SystemSolver::Subdomains))?;
         matrix.set_positive_definite()?;

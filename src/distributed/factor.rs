@@ -148,7 +148,9 @@ impl PetscFactor {
 /// Solver of linear systems that the options choose.
 #[derive(Clone)]
 pub(super) enum SystemSolver {
-    /// Factorisation.
+    /// Our own factors of the ranks' cells and of their interface.
+    Substructures,
+    /// Factorisation by PETSc.
     Direct,
     /// Conjugate gradients with geometric multigrid.
     Multigrid(Rc<Hierarchy>),
@@ -168,6 +170,7 @@ impl SystemSolver {
         let solver = Ksp::new(context, Comm::World, "")?;
         Ok(match (solver.is_multigrid()?, hierarchy) {
             (None | Some(true), Some(hierarchy)) => SystemSolver::Multigrid(hierarchy.clone()),
+            _ if context.solver_options()?.is_empty() => SystemSolver::Substructures,
             _ if solver.is_direct()? => SystemSolver::Direct,
             _ if solver.needs_subdomains()? => SystemSolver::Subdomains,
             _ => SystemSolver::Iterative,
@@ -177,7 +180,7 @@ impl SystemSolver {
     /// Returns the method.
     pub fn method(&self) -> LinearMethod {
         match self {
-            SystemSolver::Direct => LinearMethod::Direct,
+            SystemSolver::Substructures | SystemSolver::Direct => LinearMethod::Direct,
             SystemSolver::Multigrid(_) => LinearMethod::Multigrid,
             SystemSolver::Subdomains | SystemSolver::Iterative => LinearMethod::Iterative,
         }
@@ -262,7 +265,8 @@ impl Factor for PetscFactor {
         self.flexibility.schur()
     }
 
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()> {
+        self.context.comm().all_reduce_sum_slice_unordered(more);
         let mut free = std::mem::take(&mut self.free);
         free.copy_from_slice(b);
         self.solve_with(false, StoppingCriterion::Exact, &mut free)?;
@@ -308,7 +312,7 @@ impl Factor for PetscFactor {
             return Ok(());
         }
         let rows: Vec<Index> = dofs.iter().map(|&dof| (self.first + dof) as Index).collect();
-        if let (SystemSolver::Direct, Some((held, solver))) = (&self.linear, &mut self.pinned) {
+        if let (LinearMethod::Direct, Some((held, solver))) = (self.linear.method(), &mut self.pinned) {
             // The matrix keeps its pattern, and thus its analysis.
             held.copy_from(&self.matrix)?;
             held.zero_rows_columns(&rows, 1.0)?;

@@ -1,11 +1,12 @@
 //! Linear algebra and the mesh over all ranks, on the handles of [`petsc`](crate::petsc).
 //!
 //! A mesh is partitioned into one [`Part`] per rank. [`Distributed`] is the engine over the dofs of
-//! all parts: products cell by cell, factors and solves by PETSc. [`MeshPart`] relates the dofs and
-//! nodes of a part to the engine and to the other ranks.
+//! all parts: products cell by cell, factors by [substructures](substructure) or by PETSc.
+//! [`MeshPart`] relates the dofs and nodes of a part to the engine and to the other ranks.
 
 mod cascade;
 mod engine;
+mod exchange;
 mod factor;
 mod flexibility;
 mod hierarchy;
@@ -14,6 +15,7 @@ mod own_mesh;
 mod part;
 mod products;
 mod replicated;
+mod substructure;
 
 pub use engine::Distributed;
 pub use factor::PetscFactor;

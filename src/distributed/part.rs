@@ -10,6 +10,9 @@ use crate::mesh::{Cell, Grid, Mesh, Point};
 use crate::petsc::{Context, Index, Plex, Refinement, WorldComm};
 use std::rc::Rc;
 
+/// Option of PETSc that names a partitioner in place of our own bisection.
+const PARTITIONER: &str = "petscpartitioner_type";
+
 /// Names of the sides of a grid.
 const SIDES: [&str; 4] = ["left", "right", "bottom", "top"];
 
@@ -80,6 +83,10 @@ impl Part {
         tips: Option<&Tips>,
     ) -> Result<Part> {
         let mut plex = share(context, grid)?;
+        if context.has_option(PARTITIONER)? {
+            let here = vec![context.rank(); plex.cells().len()];
+            plex = plex.distribute(&here)?;
+        }
         for (value, points) in (1..).zip(&sides(&plex, grid)?) {
             plex.label(EDGE, value, points)?;
         }
@@ -102,7 +109,7 @@ impl Part {
     ) -> Result<Part> {
         let whole = context.comm().all_ok(if context.rank() == 0 { read() } else { Ok(Mesh::default()) })?;
         let names = context.comm().broadcast_value(&Names::of(&whole))?;
-        let plex = named(context, &whole, &names)?;
+        let plex = named(context, &whole, &names)?.distribute(&ranks(&whole, context.size()))?;
         drop(whole);
         Part::build(plex, &names, refinements.into(), supports, extra, tips)
     }
@@ -116,7 +123,6 @@ impl Part {
         extra: &[(String, Point)],
         tips: Option<&Tips>,
     ) -> Result<Part> {
-        plex = plex.distribute()?;
         let mut passed = Vec::new();
         for _ in 0..refinements.count {
             let refinement = Refinement::new(&plex)?;
@@ -182,13 +188,14 @@ fn extra_cells(comm: &WorldComm, mesh: &Mesh, points: &[(String, Point)]) -> Res
     Ok(mine)
 }
 
-/// Creates the grid's cells, equally many per rank.
+/// Creates the grid's cells, a block of them on each rank.
 fn share(context: &Rc<Context>, grid: &Grid) -> Result<Plex> {
-    let mine = |count: usize| {
-        let (rank, size) = (context.rank(), context.size());
-        count * rank / size..count * (rank + 1) / size
-    };
-    let cells: Vec<Cell> = mine(grid.rectangles()).flat_map(|rectangle| grid.cells(rectangle)).collect();
+    let (rank, size) = (context.rank(), context.size());
+    let mine = |count: usize| count * rank / size..count * (rank + 1) / size;
+    let [columns, rows] = grid.blocks(size).swap_remove(rank);
+    let rectangles = rows.flat_map(|row| columns.clone().map(move |column| (column, row)));
+    let [length, _] = grid.divisions();
+    let cells: Vec<Cell> = rectangles.flat_map(|(column, row)| grid.cells(row * length + column)).collect();
     let corners = grid.cells(0).next().map_or(0, |cell| cell.nodes().len());
     let nodes: Vec<Index> = cells.iter().flat_map(|cell| cell.nodes().to_vec()).map(|n| n as Index).collect();
     let vertices: Vec<[f64; 2]> = mine(grid.nodes()).map(|number| grid.node(number).into()).collect();
@@ -213,10 +220,22 @@ fn sides(plex: &Plex, grid: &Grid) -> Result<[Vec<Index>; 4]> {
     Ok(sides)
 }
 
+/// Returns the cells of a mesh in the order that PETSc requires, triangles first.
+fn triangles_first(mesh: &Mesh) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..mesh.cells.len()).collect();
+    order.sort_by_key(|&cell| mesh.cells[cell].nodes().len());
+    order
+}
+
+/// Returns the rank of each cell of a mesh, triangles first.
+fn ranks(mesh: &Mesh, size: usize) -> Vec<usize> {
+    let part_of = mesh.bisect(size);
+    triangles_first(mesh).into_iter().map(|cell| part_of[cell]).collect()
+}
+
 /// Creates a labelled mesh that is complete on rank 0 and empty elsewhere.
 fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
-    let mut order: Vec<usize> = (0..whole.cells.len()).collect();
-    order.sort_by_key(|&cell| whole.cells[cell].nodes().len());
+    let order = triangles_first(whole);
     let mut place = vec![0; order.len()];
     order.iter().enumerate().for_each(|(number, &cell)| place[cell] = number as Index);
     let cells: Vec<&[usize]> = order.iter().map(|&cell| whole.cells[cell].nodes()).collect();

@@ -1,9 +1,9 @@
 //! Products cell by cell over all ranks.
 
+use super::exchange::DofExchange;
 use crate::error::Result;
 use crate::linalg::vectors::axpy;
 use crate::linalg::{Engine, Form, LinearCombination, Native};
-use crate::petsc::{Plex, Vector};
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -12,52 +12,24 @@ use std::rc::Rc;
 /// The native engine multiplies over the dofs of the rank's cells (and thus avoids the loss of h^-4
 /// relative accuracy), with an exchange of shared dofs before and after.
 pub(super) struct CellProducts {
-    plex: Rc<Plex>,
+    pub exchange: DofExchange,
     /// Native engine of this rank's cells, on local vectors.
     pub cells: Native,
-    work: RefCell<Work>,
+    /// Input of products: zero at constrained dofs.
+    x: RefCell<Vec<f64>>,
     sums: RefCell<[Vec<f64>; 2]>,
 }
 
-struct Work {
-    global: Vector,
-    /// Input of products in local vectors: zero at constrained dofs.
-    read: Vector,
-    /// Output of products in local vectors.
-    given: Vector,
-    x: Vec<f64>,
-}
-
-impl Work {
-    /// Gathers the values of a vector at this rank's local dofs into `x`.
-    fn read(&mut self, plex: &Plex, x: &[f64]) -> Result<()> {
-        self.global.set_local(x)?;
-        plex.to_local(&self.global, &mut self.read)?;
-        self.read.copy_to(&mut self.x)
-    }
-
-    /// Adds up the values of all ranks at their local dofs.
-    fn add_up(&mut self, plex: &Plex, values: &[f64], sums: &mut [f64]) -> Result<()> {
-        self.given.set_local(values)?;
-        self.global.fill(0.0)?;
-        plex.add_to_global(&self.given, &mut self.global)?;
-        self.global.copy_to(sums)
-    }
-}
-
 impl CellProducts {
-    /// Creates the products over a mesh, given the native engine of this rank's cells and the
-    /// number of its local dofs. Collective.
-    pub fn new(plex: Rc<Plex>, cells: Native, local: usize) -> Result<CellProducts> {
-        let (global, read, given) = (plex.global_vector()?, plex.local_vector()?, plex.local_vector()?);
-        let [x, y, m] = [(); 3].map(|()| vec![0.0; local]);
-        let work = RefCell::new(Work { global, read, given, x });
-        Ok(CellProducts { plex, cells, work, sums: RefCell::new([y, m]) })
+    /// Creates the products over a mesh, given the native engine of this rank's cells.
+    pub fn new(exchange: DofExchange, cells: Native) -> CellProducts {
+        let [x, y, m] = [(); 3].map(|()| vec![0.0; cells.dofs()]);
+        CellProducts { exchange, cells, x: x.into(), sums: RefCell::new([y, m]) }
     }
 
     /// Adds up the contributions of all ranks over their local dofs. Collective.
-    pub fn add_up(&self, local: &[f64], sums: &mut [f64]) -> Result<()> {
-        self.work.borrow_mut().add_up(&self.plex, local, sums)
+    pub fn add_up(&self, local: &[f64], sums: &mut [f64]) {
+        self.exchange.add_up([local], [sums]);
     }
 
     /// Passes the values of a vector at this rank's local dofs to products with local vectors, and
@@ -68,20 +40,17 @@ impl CellProducts {
         results: [&mut [f64]; N],
         product: impl FnOnce(&[f64], &mut [Vec<f64>; 2]) -> Result<R>,
     ) -> Result<R> {
-        let (work, sums) = (&mut *self.work.borrow_mut(), &mut *self.sums.borrow_mut());
-        work.read(&self.plex, x)?;
-        let value = product(&work.x, sums)?;
-        for (sum, result) in sums.iter().zip(results) {
-            work.add_up(&self.plex, sum, result)?;
-        }
+        let sums = &mut *self.sums.borrow_mut();
+        let value = self.with_local(x, |x| product(x, sums))?;
+        self.exchange.add_up(std::array::from_fn(|number| &sums[number][..]), results);
         Ok(value)
     }
 
     /// Calls a function with the values of a vector at this rank's local dofs. Collective.
-    pub fn with_local<R>(&self, x: &[f64], read: impl FnOnce(&[f64]) -> R) -> Result<R> {
-        let work = &mut *self.work.borrow_mut();
-        work.read(&self.plex, x)?;
-        Ok(read(&work.x))
+    pub fn with_local<R>(&self, x: &[f64], read: impl FnOnce(&[f64]) -> R) -> R {
+        let local = &mut *self.x.borrow_mut();
+        self.exchange.spread(x, local);
+        read(local)
     }
 }
 

@@ -69,9 +69,10 @@ impl Factor for ReplicatedFactor {
         self.factor.schur()
     }
 
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()> {
+        self.context.comm().all_reduce_sum_slice_unordered(more);
         let values = self.gather(b);
-        self.factor.forward_to_schur(&values, h)
+        self.factor.forward_to_schur(&values, h, &mut [])
     }
 
     fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {

@@ -33,6 +33,8 @@ pub use combination::LinearCombination;
 pub use form::Form;
 pub use modal::MassModes;
 pub use native::{Native, PreciseEntry, factor_precise, precise_entries};
+#[cfg(feature = "petsc")]
+pub(crate) use native::{assemble, lower_triangle};
 
 use crate::archive::Archive;
 use crate::communicator::Communicator;
@@ -431,8 +433,9 @@ pub trait Factor {
     fn schur(&self) -> &Mat<f64>;
 
     /// Eliminates all other dofs and writes the right-hand side h of H x_c = h. The factor keeps
-    /// the intermediate state for [`Factor::back_substitute`].
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()>;
+    /// the intermediate state for [`Factor::back_substitute`]. The entries of `more` become their
+    /// sums over all ranks, in the same message where possible.
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()>;
 
     /// Completes the solution of the last [`Factor::forward_to_schur`] from the values at the
     /// contact dofs.

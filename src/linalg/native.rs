@@ -84,15 +84,27 @@ impl Native {
 
 /// Assembles the lower triangle of a sum of forms over a number of dofs.
 fn assembled(dofs: usize, sum: &LinearCombination) -> Result<SparseColMat<usize, f64>> {
-    let (pattern, values) = lower_triangle(
-        dofs,
-        |visit| visit_columns(sum, visit),
-        |visit| {
-            for (scale, form) in sum.terms() {
-                form.for_each_lower(|row, column, value| visit(row, column, scale * value));
-            }
-        },
-    )?;
+    assemble(dofs, sum, Some)
+}
+
+/// Assembles the lower triangle of a sum of forms over a number of dofs, whose numbers `number`
+/// gives in the order of the cells' dofs; dofs without one have no rows.
+pub(crate) fn assemble(
+    dofs: usize,
+    sum: &LinearCombination,
+    number: impl Fn(usize) -> Option<usize>,
+) -> Result<SparseColMat<usize, f64>> {
+    let for_each = |visit: &mut dyn FnMut(usize, usize, f64)| {
+        for (scale, form) in sum.terms() {
+            form.for_each_lower(|row, column, value| {
+                if let Some((row, column)) = number(row).zip(number(column)) {
+                    visit(row, column, scale * value);
+                }
+            });
+        }
+    };
+    let (pattern, values) =
+        lower_triangle(dofs, |visit| for_each(&mut |_, column, _| visit(column)), |visit| for_each(visit))?;
     Ok(SparseColMat::new(pattern, values))
 }
 
@@ -336,7 +348,7 @@ fn add_couplings(couplings: &mut [RowCoupling], dofs: &[Option<usize>], entry: i
 /// Assembles a lower triangle, column by column, from contributions to its entries, which both
 /// functions visit in the same order: the first one their columns, the second one also their rows
 /// and values.
-fn lower_triangle<V: Copy + Default + std::iter::Sum>(
+pub(crate) fn lower_triangle<V: Copy + Default + std::iter::Sum>(
     dofs: usize,
     visit_columns: impl Fn(&mut dyn FnMut(usize)),
     visit_entries: impl Fn(&mut dyn FnMut(usize, usize, V)),

@@ -4,6 +4,7 @@
 //! from elsewhere is valid once [`Mesh::check`] accepts it. The other methods rely on this and
 //! panic on an index that is out of range.
 
+mod bisection;
 mod gmsh;
 mod insert;
 mod parts;

@@ -11,10 +11,6 @@ use crate::error::{Error, Result};
 use std::ops::Range;
 use std::rc::Rc;
 
-/// Number of cells per rank from which a graph partitioner is worth its exchanges. On a busy
-/// machine PTScotch's ranks have waited for one another without end over few cells.
-const FEW_CELLS: usize = 16;
-
 handle! {
     /// Distributed mesh of the plane, whose cells, edges and vertices are its *points*.
     ///
@@ -108,23 +104,24 @@ impl Plex {
         Ok(Self::owning(get!(DMPlexInterpolate(bare.raw))?, context))
     }
 
-    /// Returns the mesh partitioned evenly with few shared edges. Collective.
-    ///
-    /// PTScotch makes the partition, or, of less than 16 cells per rank, their numbering;
-    /// `-petscpartitioner_type` names another partitioner. Ranks do not overlap: each cell is on
-    /// one rank.
+    /// Returns the mesh with each cell on a rank of its own: `ranks` has the rank of each cell of
+    /// this one, unless `-petscpartitioner_type` names a partitioner. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn distribute(self) -> Result<Self> {
+    pub fn distribute(self, ranks: &[usize]) -> Result<Self> {
         if self.context.size() == 1 {
             return Ok(self);
         }
-        let comm = self.context.comm();
-        let is_small = comm.all_reduce_sum(self.cells().len()) < FEW_CELLS * comm.size();
-        let kind = if is_small { c"simple" } else { c"ptscotch" };
         let partitioner = get!(DMPlexGetPartitioner(self.raw))?;
-        call!(PetscPartitionerSetType(partitioner, kind.as_ptr()))?;
+        call!(PetscPartitionerSetType(partitioner, c"shell".as_ptr()))?;
+        let size = self.context.size();
+        let sizes: Vec<Index> =
+            (0..size).map(|rank| ranks.iter().filter(|of_cell| **of_cell == rank).count() as Index).collect();
+        let mut cells: Vec<Index> = (0..ranks.len() as Index).collect();
+        cells.sort_by_key(|&cell| ranks[cell as usize]);
+        // PETSc copies both arrays.
+        call!(PetscPartitionerShellSetPartition(partitioner, int(size)?, sizes.as_ptr(), cells.as_ptr()))?;
         call!(PetscPartitionerSetFromOptions(partitioner))?;
         let raw = get!(DMPlexDistribute(self.raw, 0, std::ptr::null_mut()))?;
         Ok(if raw.is_null() { self } else { Self::owning(raw, &self.context) })

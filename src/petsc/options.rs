@@ -60,8 +60,8 @@ impl Context {
         Ok(words)
     }
 
-    /// Returns the user's options of linear solvers and preconditioners, as on a command line; an
-    /// empty text where there are none.
+    /// Returns the user's options of linear solvers, preconditioners and matrices, as on a command
+    /// line; an empty text where there are none.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
@@ -70,7 +70,7 @@ impl Context {
         let mut is_kept = false;
         let keeps = |word: &&str| {
             if let Some(name) = word.strip_prefix('-').filter(|name| name.starts_with(char::is_alphabetic)) {
-                let is_of_solver = name.starts_with("ksp_") || name.starts_with("pc_");
+                let is_of_solver = ["ksp_", "pc_", "mat_"].iter().any(|prefix| name.starts_with(prefix));
                 is_kept = is_of_solver && !ours.iter().any(|our| our.eq_ignore_ascii_case(name));
             }
             is_kept

@@ -6,9 +6,11 @@ use crate::error::{Error, Result};
 use mpi::collective::SystemOperation;
 use mpi::datatype::PartitionMut;
 use mpi::environment::Universe;
+use mpi::request::multiple_scope;
 use mpi::topology::{Color, SimpleCommunicator};
-use mpi::traits::{Communicator as _, CommunicatorCollectives, Root};
+use mpi::traits::{Communicator as _, CommunicatorCollectives, Destination, Root, Source};
 use serde::{Serialize, de::DeserializeOwned};
+use std::cell::Cell;
 use std::ffi::c_int;
 use std::rc::Rc;
 use std::time::{Duration, Instant};
@@ -22,12 +24,20 @@ struct World {
     all: SimpleCommunicator,
     /// Environment of MPI, kept for its end.
     universe: Rc<Universe>,
+    /// Number of collective operations so far.
+    collectives: Cell<u64>,
+}
+
+impl World {
+    fn new(ranks: SimpleCommunicator, universe: Rc<Universe>) -> World {
+        World { all: ranks, universe, collectives: Cell::new(0) }
+    }
 }
 
 impl WorldComm {
     /// Takes over MPI, which has been started.
     pub(super) fn new(universe: Universe) -> WorldComm {
-        WorldComm(Rc::new(World { all: universe.world(), universe: universe.into() }))
+        WorldComm(Rc::new(World::new(universe.world(), universe.into())))
     }
 
     /// Divides the ranks into groups of `ranks` neighbours. Returns the communicator of the own
@@ -45,12 +55,23 @@ impl WorldComm {
         let color = Color::with_value((self.rank() / ranks) as i32);
         let none = || Error::Petsc("MPI made no communicator for a group of ranks".into());
         let ranks = self.world().split_by_color(color).ok_or_else(none)?;
-        Ok(WorldComm(Rc::new(World { all: ranks, universe: self.0.universe.clone() })))
+        Ok(WorldComm(Rc::new(World::new(ranks, self.0.universe.clone()))))
     }
 
     /// Returns the communicator of the `mpi` crate.
     pub(super) fn world(&self) -> &SimpleCommunicator {
         &self.0.all
+    }
+
+    /// Returns the communicator of the `mpi` crate for a collective operation, which is counted.
+    fn together(&self) -> &SimpleCommunicator {
+        self.0.collectives.set(self.0.collectives.get() + 1);
+        &self.0.all
+    }
+
+    /// Returns the number of collective operations so far, apart from those inside PETSc.
+    pub fn collectives(&self) -> u64 {
+        self.0.collectives.get()
     }
 
     /// Returns the sum over all ranks, in an order that the MPI library chooses. Collective.
@@ -59,7 +80,7 @@ impl WorldComm {
     /// depend on the library and on the number of ranks; all ranks get the same.
     pub fn all_reduce_sum_unordered(&self, value: f64) -> f64 {
         let mut sum = 0.0;
-        self.world().all_reduce_into(&value, &mut sum, SystemOperation::sum());
+        self.together().all_reduce_into(&value, &mut sum, SystemOperation::sum());
         sum
     }
 
@@ -67,7 +88,28 @@ impl WorldComm {
     /// chooses; all lengths are equal. Collective.
     pub fn all_reduce_sum_slice_unordered(&self, values: &mut [f64]) {
         let addends = values.to_vec();
-        self.world().all_reduce_into(&addends[..], values, SystemOperation::sum());
+        self.together().all_reduce_into(&addends[..], values, SystemOperation::sum());
+    }
+
+    /// Sends a message to each of some ranks, and receives one of a known length from each, which
+    /// replaces the values in its place. Collective among them.
+    pub fn exchange(
+        &self,
+        ranks: impl Iterator<Item = usize> + Clone,
+        sent: &[Vec<f64>],
+        received: &mut [Vec<f64>],
+    ) {
+        multiple_scope(2 * sent.len(), |scope, requests| {
+            for (rank, message) in ranks.clone().zip(received) {
+                let process = self.world().process_at_rank(rank as c_int);
+                requests.add(process.immediate_receive_into(scope, &mut message[..]));
+            }
+            for (rank, message) in ranks.zip(sent) {
+                let process = self.world().process_at_rank(rank as c_int);
+                requests.add(process.immediate_send(scope, &message[..]));
+            }
+            requests.wait_all(&mut Vec::new());
+        });
     }
 
     /// Broadcasts a value of rank 0 to every rank, as JSON. Collective.
@@ -124,12 +166,12 @@ impl Communicator for WorldComm {
     }
 
     fn barrier(&self) {
-        self.world().barrier();
+        self.together().barrier();
     }
 
     fn all_gather_one<T: Plain>(&self, value: T) -> Vec<T> {
         let mut bytes = vec![0_u8; T::BYTES * self.size()];
-        self.world().all_gather_into(&to_bytes(&[value])[..], &mut bytes[..]);
+        self.together().all_gather_into(&to_bytes(&[value])[..], &mut bytes[..]);
         from_bytes(&bytes)
     }
 
@@ -142,7 +184,7 @@ impl Communicator for WorldComm {
         let starts = starts(&counts);
         let offset = starts[self.rank()] as usize / T::BYTES.max(1);
         let mut bytes = room(&counts);
-        self.world()
+        self.together()
             .all_gather_varcount_into(&values[..], &mut PartitionMut::new(&mut bytes[..], counts, starts));
         (from_bytes(&bytes), offset)
     }
@@ -150,7 +192,7 @@ impl Communicator for WorldComm {
     fn gather<T: Plain>(&self, values: &[T]) -> Vec<Vec<T>> {
         let values = sent(values);
         let counts = self.counts(&values);
-        let first = self.world().process_at_rank(0);
+        let first = self.together().process_at_rank(0);
         if self.rank() > 0 {
             first.gather_varcount_into(&values[..]);
             return Vec::new();
@@ -167,21 +209,21 @@ impl Communicator for WorldComm {
 
     fn broadcast<T: Plain>(&self, values: &mut [T]) {
         let mut bytes = sent(values);
-        self.world().process_at_rank(0).broadcast_into(&mut bytes[..]);
+        self.together().process_at_rank(0).broadcast_into(&mut bytes[..]);
         values.iter_mut().zip(from_bytes(&bytes)).for_each(|(value, first)| *value = first);
     }
 
-    fn all_reduce_max(&self, value: f64) -> f64 {
+    fn all_reduce_max_each<const N: usize>(&self, values: [f64; N]) -> [f64; N] {
         // MPI's maximum may lose a NaN.
-        let value = if value.is_nan() { f64::INFINITY } else { value };
-        let mut largest = value;
-        self.world().all_reduce_into(&value, &mut largest, SystemOperation::max());
+        let values = values.map(|value| if value.is_nan() { f64::INFINITY } else { value });
+        let mut largest = values;
+        self.together().all_reduce_into(&values[..], &mut largest[..], SystemOperation::max());
         largest
     }
 
     fn all_reduce_any(&self, holds: bool) -> bool {
         let mut any = 0_u8;
-        self.world().all_reduce_into(&u8::from(holds), &mut any, SystemOperation::max());
+        self.together().all_reduce_into(&u8::from(holds), &mut any, SystemOperation::max());
         any != 0
     }
 }

@@ -182,10 +182,10 @@ impl<E: Engine> System<E> {
         Ok(0.5 * self.engine.mass_norm_squared(&self.mass, v)?)
     }
 
-    /// Returns the length scale of the deflections and of bounds with a magnitude, in m.
-    /// Collective.
-    fn length(&self, bounds: &Bounds, magnitude: f64, u: &[f64]) -> Result<f64> {
-        Ok(self.engine.comm().all_reduce_max(magnitude.max(bounds.largest(u))))
+    /// Returns the length scale of the deflections on all ranks and of bounds with a magnitude, in
+    /// m. Collective.
+    fn length(&self, bounds: &Bounds, magnitude: f64, u: &[f64]) -> f64 {
+        self.engine.comm().all_reduce_max(magnitude.max(bounds.largest(u)))
     }
 
     /// Returns the time-dependent data at `time` (s).

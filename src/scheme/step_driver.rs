@@ -201,7 +201,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             matrix: &self.matrix,
             rhs: &self.b,
             bounds: &self.bounds,
-            length: self.system.length(limits, limits.magnitude(), formulas.displacement())?,
+            length: limits.magnitude().max(limits.largest(formulas.displacement())),
         };
         let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
         let more = self.feedback.as_ref().and_then(Feedback::term);

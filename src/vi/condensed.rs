@@ -22,6 +22,7 @@ use crate::error::{Error, Result};
 use crate::linalg::vectors::{clear, is_zero};
 use crate::linalg::{Engine, Factor, LinearCombination, estimate_factor_error};
 use crate::obstacle::Bounds;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Number of candidates above which active dofs are pinned in the sparse matrix.
 pub const DENSE_LIMIT: usize = 512;
@@ -44,14 +45,16 @@ pub struct Condensed {
     /// Error of the first factor, and of the present one where digits were added to it.
     factor_error: f64,
     error_with_digits: Option<f64>,
+    /// Whether the first rank's dense answers count for all, since ranks have disagreed.
+    is_led: bool,
     work: DenseWork,
 }
 
 /// Work space of the dense problem, one entry per candidate of all ranks.
 #[derive(Debug, Default)]
 struct DenseWork {
-    lower: Vec<f64>,
-    upper: Vec<f64>,
+    /// Lower bounds, upper bounds (m) and codes of statuses, one after the other.
+    shared: Vec<f64>,
     sides: Vec<BoundStatus>,
     /// Right-hand side, in N.
     h: Vec<f64>,
@@ -60,32 +63,11 @@ struct DenseWork {
     forces: Vec<f64>,
 }
 
-impl DenseWork {
-    /// Gathers the ranks' bounds and codes of statuses. Returns the place of this rank's first
-    /// candidate. Collective.
-    fn gather(&mut self, comm: &impl Communicator, bounds: impl Iterator<Item = (f64, f64, u8)>) -> usize {
-        self.lower.clear();
-        self.upper.clear();
-        self.sides.clear();
-        let mut add = |(lower, upper, code)| {
-            self.lower.push(lower);
-            self.upper.push(upper);
-            self.sides.push(BoundStatus::from_code(code));
-        };
-        if comm.size() == 1 {
-            bounds.for_each(add);
-            return 0;
-        }
-        let (gathered, first) = comm.all_gather_with_offset(&bounds.collect::<Vec<_>>());
-        gathered.into_iter().for_each(&mut add);
-        first
-    }
-}
-
 #[derive(Debug)]
 enum Method {
-    /// Dense problem on these bounds (ascending indices into them).
-    Dense { candidates: Vec<usize> },
+    /// Dense problem on these bounds (ascending indices into them), the first of which is the
+    /// candidate `first` of all ranks.
+    Dense { candidates: Vec<usize>, first: usize },
     /// Active dofs pinned in the sparse matrix, with the statuses for which it was last factored.
     Pinned { pinned: Vec<BoundStatus> },
 }
@@ -116,7 +98,8 @@ impl Condensed {
             factor_error: error,
             error_with_digits: None,
             factor,
-            method: Method::Dense { candidates: Vec::new() },
+            method: Method::Dense { candidates: Vec::new(), first: 0 },
+            is_led: false,
             sides: vec![BoundStatus::Free; bounded],
             factorisations: 1,
             work: DenseWork::default(),
@@ -139,7 +122,7 @@ impl Condensed {
         if self.factor.cascade().is_some() || self.factor_error > self.factor.max_schur_error() {
             return self.pin(engine, matrix);
         }
-        let Method::Dense { candidates, .. } = &mut self.method else { return Ok(()) };
+        let Method::Dense { candidates, first } = &mut self.method else { return Ok(()) };
         let gap = |i: usize| {
             let x = x[bounds.dofs[i]];
             (x - bounds.lower[i]).min(bounds.upper[i] - x)
@@ -166,6 +149,7 @@ impl Condensed {
         // `total_cmp` orders NaN too, as the sort above did, so that each round adds candidates.
         candidates.extend(others.into_iter().filter(|&i| gap(i).total_cmp(&near).is_le()));
         candidates.sort_unstable();
+        *first = place(engine.comm(), candidates);
         let dofs: Vec<usize> = candidates.iter().map(|&i| bounds.dofs[i]).collect();
         match self.change_contact_dofs(engine, matrix, &dofs) {
             // The matrix itself has a factor; only the Schur complement lost its to rounding.
@@ -228,7 +212,7 @@ impl Condensed {
     }
 
     fn solve_dense(&mut self, engine: &impl Engine, problem: &Problem, answer: &mut Answer) -> Result<u32> {
-        let Method::Dense { candidates } = &self.method else { return Ok(0) };
+        let Method::Dense { candidates, first } = &self.method else { return Ok(0) };
         let Problem { rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
         clear(reaction);
@@ -239,15 +223,25 @@ impl Condensed {
             return Ok(0);
         }
         // Every rank solves the same dense problem, from the bounds and statuses of all ranks.
-        let limits = candidates.iter().map(|&i| {
-            let side = self.sides[i].within(bounds.lower[i], bounds.upper[i]);
-            (bounds.lower[i], bounds.upper[i], side as u8)
-        });
-        let first = self.work.gather(engine.comm(), limits);
-        let DenseWork { lower, upper, sides, h, values, forces } = &mut self.work;
+        let DenseWork { shared, sides, h, values, forces } = &mut self.work;
+        shared.clear();
+        shared.resize(3 * size, 0.0);
+        let entries = *first..first + candidates.len();
+        for (entry, &i) in entries.clone().zip(candidates) {
+            let (lower, upper) = (bounds.lower[i], bounds.upper[i]);
+            let code = f64::from(self.sides[i].within(lower, upper) as u8);
+            [lower, upper, code]
+                .into_iter()
+                .enumerate()
+                .for_each(|(k, value)| shared[k * size + entry] = value);
+        }
         [&mut *h, values, forces].into_iter().for_each(|v| v.resize(size, 0.0));
         forces.fill(0.0);
-        self.factor.forward_to_schur(b, h)?;
+        self.factor.forward_to_schur(b, h, shared)?;
+        let (lower, rest) = shared.split_at_mut(size);
+        let (upper, codes) = rest.split_at_mut(size);
+        sides.clear();
+        sides.extend(codes.iter().map(|code| BoundStatus::from_code(*code as u8)));
         // Dofs in contact in the last step mostly stay so, and the dense problem is solved from
         // there at once.
         let inside = !touching(sides) && {
@@ -260,17 +254,21 @@ impl Condensed {
             sides.fill(BoundStatus::Free);
             0
         } else {
-            let yielding = laws::yielding(engine, bounds, (candidates, first), [&mut *lower, &mut *upper]);
+            let yielding =
+                laws::yielding(engine, bounds, (candidates, entries.start), [&mut *lower, &mut *upper]);
             let rigid = DenseProblem { matrix: self.factor.schur(), rhs: h, lower, upper };
             let mut answer = Answer { x: values, reaction: forces };
             let exchanges = YieldingProblem { rigid, yielding: &yielding }.solve(sides, &mut answer);
-            let exchanges = agree(engine.comm(), [&mut *values, forces], sides, exchanges);
+            let exchanges = if self.is_led {
+                lead(engine.comm(), [&mut *values, forces], sides, exchanges)
+            } else {
+                exchanges
+            };
             // A step without reactions counts no iteration, even if it began with active bounds.
             if is_zero(forces) { 0 } else { 1 + exchanges }
         };
-        for (k, &i) in candidates.iter().enumerate() {
-            reaction[i] = forces[first + k];
-            self.sides[i] = sides[first + k];
+        for (entry, &i) in entries.zip(candidates) {
+            (reaction[i], self.sides[i]) = (forces[entry], sides[entry]);
         }
         self.factor.back_substitute(values, x)?;
         Ok(iterations)
@@ -281,11 +279,21 @@ impl<E: Engine> Solver<E> for Condensed {
     fn solve(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32> {
         let mut iterations = 0;
         while matches!(self.method, Method::Dense { .. }) {
-            iterations += self.solve_dense(engine, problem, answer)?;
+            let of_dense = self.solve_dense(engine, problem, answer)?;
             // The candidates' own violations are below rounding; only the other bounds' can be
             // real. A NaN is left to the KKT check.
-            let Method::Dense { candidates } = &self.method else { break };
-            if !engine.comm().all_reduce_any(outside(problem.bounds, candidates, answer.x)) {
+            let Method::Dense { candidates, .. } = &self.method else { break };
+            let is_outside = f64::from(outside(problem.bounds, candidates, answer.x));
+            let is_alone = engine.comm().size() == 1;
+            let code = if is_alone { 0.0 } else { fingerprint(&self.work.sides, of_dense) };
+            let [is_outside, most, least] = engine.comm().all_reduce_max_each([is_outside, code, -code]);
+            if most != -least {
+                // Rounding on unlike processors may decide which nodes touch.
+                self.is_led = true;
+                continue;
+            }
+            iterations += of_dense;
+            if is_outside == 0.0 {
                 return Ok(iterations);
             }
             self.grow(engine, problem.matrix, problem.bounds, answer.x)?;
@@ -294,7 +302,7 @@ impl<E: Engine> Solver<E> for Condensed {
         let touches = touching(&self.sides) || answer.reaction.iter().any(|r| *r != 0.0);
         if !engine.comm().all_reduce_any(touches) {
             // Nothing touches and nothing is pinned, so the matrix itself is factored again.
-            self.method = Method::Dense { candidates: Vec::new() };
+            self.method = Method::Dense { candidates: Vec::new(), first: 0 };
         }
         Ok(iterations)
     }
@@ -318,7 +326,9 @@ impl<E: Engine> Solver<E> for Condensed {
         // The statuses that are pinned, or any status but free for a candidate.
         let mut marks = vec![BoundStatus::Free; bounds.len()];
         match &self.method {
-            Method::Dense { candidates } => candidates.iter().for_each(|&i| marks[i] = BoundStatus::Lower),
+            Method::Dense { candidates, .. } => {
+                candidates.iter().for_each(|&i| marks[i] = BoundStatus::Lower);
+            }
             Method::Pinned { pinned } => marks.copy_from_slice(pinned),
         }
         BoundStatus::archive(&mut marks, archive)?;
@@ -330,7 +340,8 @@ impl<E: Engine> Solver<E> for Condensed {
                 Method::Pinned { pinned: marks }
             } else {
                 self.change_contact_dofs(engine, matrix, &dofs)?;
-                Method::Dense { candidates: active(&marks).collect() }
+                let candidates: Vec<usize> = active(&marks).collect();
+                Method::Dense { first: place(engine.comm(), &candidates), candidates }
             };
             if has_more_digits {
                 self.add_digits(engine, matrix)?;
@@ -386,17 +397,25 @@ impl<E: Engine> Solver<E> for Condensed {
     }
 }
 
-/// Sets an answer to the first rank's, since rounding may decide which nodes touch. Returns its
-/// number of exchanges. Collective.
-fn agree(
+/// Returns the place of this rank's first candidate among those of all ranks. Collective.
+fn place(comm: &impl Communicator, candidates: &[usize]) -> usize {
+    comm.all_gather_one(candidates.len())[..comm.rank()].iter().sum()
+}
+
+/// Returns an integer below 2^53 that tells apart the statuses and exchanges of unlike answers.
+fn fingerprint(sides: &[BoundStatus], exchanges: u32) -> f64 {
+    let mut hasher = DefaultHasher::new();
+    (sides, exchanges).hash(&mut hasher);
+    (hasher.finish() >> 11) as f64
+}
+
+/// Sets an answer to the first rank's. Returns its number of exchanges. Collective.
+fn lead(
     comm: &impl Communicator,
     [values, forces]: [&mut [f64]; 2],
     sides: &mut [BoundStatus],
     exchanges: u32,
 ) -> u32 {
-    if comm.size() == 1 {
-        return exchanges;
-    }
     let answer = values.iter().zip(&*forces).zip(&*sides);
     let mut answer: Vec<(f64, f64, u8, u32)> =
         answer.map(|((x, r), side)| (*x, *r, *side as u8, exchanges)).collect();

@@ -210,7 +210,7 @@ impl KktCheck {
     ///
     /// The magnitude of a row is replaced by a part of it: its diagonal entry, and for a slope the
     /// coupling to the deflection of its node. The share of the largest possible magnitude is that
-    /// of x alone.
+    /// of x alone, on this rank.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -233,16 +233,18 @@ impl KktCheck {
         {
             return Ok(None);
         }
-        let length = self.length(engine, problem, answer);
-        let size = engine.comm().all_reduce_max(largest_product(&self.scale, x));
+        // Smaller scales, those of this rank alone, keep this an upper limit.
+        let is_alone = engine.comm().size() == 1;
+        let length = if is_alone { self.length(engine, problem, answer) } else { problem.length };
+        let size = largest_product(&self.scale, x);
         let contact = ContactState::of(problem.bounds, answer);
         let parts = self.limit_of_parts(&Problem { length, ..*problem }, term, size, answer, contact);
         Ok(Some(engine.comm().all_reduce_max(parts.worst())))
     }
 
     /// Returns upper limits of the parts of the residual on this rank, given A x in its place, a
-    /// further term of the right-hand side or an empty vector, and the largest magnitude on all
-    /// ranks of x times its scale.
+    /// further term of the right-hand side or an empty vector, and the largest magnitude of x times
+    /// its scale.
     fn limit_of_parts(
         &mut self,
         problem: &Problem,
@@ -290,8 +292,9 @@ impl KktCheck {
     /// deflection, or the deflection of a bounded dof with the energy of its largest entry.
     /// Deflections alone may be what rounding left of slopes. Collective.
     fn length<E: Engine>(&self, engine: &E, problem: &Problem, answer: &Answer) -> f64 {
-        if problem.length != 0.0 {
-            return problem.length;
+        let length = engine.comm().all_reduce_max(problem.length);
+        if length != 0.0 {
+            return length;
         }
         let deflection = engine.comm().all_reduce_max(problem.bounds.largest(answer.x));
         let size = largest_product(&self.scale, answer.x);

@@ -56,7 +56,8 @@ pub struct Problem<'a> {
     pub rhs: &'a [f64],
     /// Bounds l, u on G x, in m.
     pub bounds: &'a Bounds,
-    /// Length scale of the deflections, against which gaps are measured, in m.
+    /// Length scale of the deflections, against which gaps are measured, in m. That of all ranks is
+    /// the largest one.
     pub length: f64,
 }
 

@@ -144,7 +144,7 @@ const SHARED_NAMES: &[&str] = &[
     "Axis", "Bounded", "Check", "Damping", "Entry", "Family", "Figures", "Grid", "Kind", "Line", "Method",
     "Names", "Node", "Obstacle", "Panel", "Part", "Parts", "Plan", "Probe", "Product", "Room", "Row", "Run",
     "Sample", "Search", "Seconds", "Sections", "Shape", "Solver", "State", "Study", "Support", "Table",
-    "Value", "Verdict", "Window", "Work",
+    "Value", "Verdict", "Window",
 ];
 
 /// Returns the modules that define each type.

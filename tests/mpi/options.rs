@@ -44,11 +44,20 @@ fn with_variable(folder: &Path, variable: &str, arguments: &[&str]) -> Output {
 const ONE_STEP: &str = "time.end=1e-4";
 
 #[test]
-fn iterative_solvers_go_through_contact() {
-    let folder = folder("iterative");
+fn petscs_linear_solvers_go_through_contact() {
+    let folder = folder("linear");
     succeeds(&rebond(&folder, &["run", "fall.toml", "--out", "native", "--quiet"]));
     let native = history(&folder.join("native"));
-    for (ranks, preconditioner) in [(1, "gamg"), (1, "jacobi"), (1, "bddc"), (2, "gamg"), (3, "bddc")] {
+    for (ranks, preconditioner) in [
+        (1, "cholesky"),
+        (3, "cholesky"),
+        (2, "redundant"),
+        (1, "gamg"),
+        (1, "jacobi"),
+        (1, "bddc"),
+        (2, "gamg"),
+        (3, "bddc"),
+    ] {
         let out = format!("{preconditioner}-{ranks}");
         let arguments = [&RUN[..], &["--out", &out, "--", "-pc_type", preconditioner]].concat();
         succeeds(&if ranks == 1 { rebond(&folder, &arguments) } else { on(&folder, ranks, &arguments) });

@@ -1,7 +1,7 @@
 //! Runs on several ranks, which agree with one process, and end together when one rank fails.
 
 use super::handles::close;
-use crate::common::models::{PAPER_FALL, UNIT, literal};
+use crate::common::models::{CLAMPED, PAPER_FALL, PAPER_PLATE, UNIT, literal};
 use crate::common::momentum::{Acting, Upward};
 use crate::common::ranks::{Case, case};
 use rebond::communicator::Communicator;
@@ -17,6 +17,7 @@ use rebond::{Error, Result};
 
 pub const CASES: &[Case] = &[
     case("what_changes_with_time", &[1, 2], what_changes_with_time),
+    case("a_step_takes_three_collectives", &[2, 3], a_step_takes_three_collectives),
     case("forces_add_up_in_motion", &[1, 3], forces_add_up_in_motion),
     case("an_observer_that_fails_alone_ends_all", &[1, 3], fails_alone),
 ];
@@ -86,6 +87,41 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
             contacts += u32::from(expected.reaction().iter().any(|r| *r != 0.0));
         }
         assert!(contacts > 0);
+    }
+    Ok(())
+}
+
+/// A step whose row nobody reads takes one sum over the interface, one agreement on contact and one
+/// on the residual; a product that replaces summed ones takes one more every eighth step.
+fn a_step_takes_three_collectives(arguments: &[String]) -> Result<()> {
+    let context = Context::start(arguments)?;
+    for (height, least) in [("-5", 0), ("-0.2085", 24)] {
+        let text = format!(
+            r#"
+            {PAPER_PLATE}
+            {CLAMPED}
+            mesh = {{ element = "fvs", cells = [20, 8] }}
+            obstacle = [{{ side = "below", height = {height} }}]
+            initial = {{ static_pressure = -14600 }}
+            load = {{ pressure = -1e5 }}
+            time = {{ scheme = "newmark", mass = "singular", step = 1e-4, end = 0.01 }}
+            solver = {{ engine = "petsc" }}
+            "#
+        );
+        let scene = Scene::from_str(&text, "counted", &[])?;
+        let model = Model::distributed(&scene, &context)?;
+        let mut scheme = model.scheme(&scene)?;
+        (0..16).try_for_each(|_| scheme.advance())?;
+        let before = context.comm().collectives();
+        let mut contacts = 0;
+        for _ in 0..32 {
+            scheme.advance()?;
+            contacts += u32::from(scheme.reaction().iter().any(|r| *r != 0.0));
+        }
+        let count = context.comm().collectives() - before;
+        let contacts = context.comm().all_reduce_sum(contacts);
+        assert!(contacts >= least, "{contacts} steps in contact at {height} m");
+        assert!(count <= 3 * 32 + 4, "{count} collectives in 32 steps at {height} m");
     }
     Ok(())
 }

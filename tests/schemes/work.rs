@@ -106,8 +106,8 @@ impl Factor for CountedFactor {
         self.factor.schur()
     }
 
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
-        self.factor.forward_to_schur(b, h)
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()> {
+        self.factor.forward_to_schur(b, h, more)
     }
 
     fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {

@@ -90,8 +90,8 @@ impl Cholesky {
         let order = elimination_order(&matrix, contact_dofs)?;
         let symbolic = analyse(&matrix, &order)?;
         require(&Size::of(&symbolic, contact_dofs.len(), twice.is_some()), 1, dofs)?;
-        let (supernodes, patterns) =
-            supernodes::layout(&symbolic).ok_or_else(|| analysis_failed(dofs, "no supernodes"))?;
+        let layout = supernodes::layout(&symbolic).or_else(|| (dofs == 0).then(Default::default));
+        let (supernodes, patterns) = layout.ok_or_else(|| analysis_failed(dofs, "no supernodes"))?;
         let tallest = supernodes.iter().map(|s| s.end - s.start + s.rows).max().unwrap_or(0);
         let mut cholesky = Cholesky {
             values: vec![0.0; symbolic.len_val()],
@@ -148,10 +148,8 @@ impl Cholesky {
                 *pivot = 1.0 / self.values[s.values + j * (height + 1)];
             }
         }
-        if pinned.is_none() {
-            self.tail = self.trailing_block();
-            self.schur = &self.tail * self.tail.transpose();
-        }
+        self.tail = self.trailing_block();
+        self.schur = &self.tail * self.tail.transpose();
         Ok(())
     }
 

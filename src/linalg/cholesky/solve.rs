@@ -56,7 +56,7 @@ impl Factor for Cholesky {
         &self.schur
     }
 
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64]) -> Result<()> {
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], _: &mut [f64]) -> Result<()> {
         self.permute(b);
         self.sweep::<true>(self.interior);
         h.copy_from_slice(&self.x[self.interior..]);

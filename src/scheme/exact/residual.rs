@@ -53,7 +53,7 @@ impl<E: Engine> Exact<'_, E> {
         let System { engine, stiffness, bounds, load, .. } = self.system;
         let inertia = self.inertia()?;
         let mut displacement = self.shape().displacement.clone();
-        let length = self.system.length(bounds, bounds.magnitude(), &displacement)?;
+        let length = self.system.length(bounds, bounds.magnitude(), &displacement);
         let load = load.as_deref().unwrap_or(&[]);
         let problem = Problem { matrix: &stiffness.into(), rhs: load, bounds, length };
         let answer = Answer { x: &mut displacement, reaction: &mut self.record.reaction };

@@ -317,7 +317,7 @@ impl<'s, E: Engine> Potential<'s, E> {
     fn reach(&mut self, increment: f64, instant: &InstantData) -> Result<StepReport> {
         let System { engine, bounds, .. } = self.system;
         let limits = instant.bounds(bounds);
-        let length = self.system.length(limits, limits.magnitude(), &self.u)?;
+        let length = self.system.length(limits, limits.magnitude(), &self.u);
         for (kept, from) in self.from.iter_mut().zip([&self.u, &self.multiplier, &self.residual]) {
             kept.clone_from(from);
         }

@@ -43,13 +43,22 @@ fn at_left(mesh: &Plex, mut edges: Vec<Index>) -> Result<Vec<Index>> {
     Ok(edges)
 }
 
+/// Returns a mesh with equally many cells on every rank, in their order.
+fn distributed(mesh: Plex) -> Result<Plex> {
+    let (context, count) = (mesh.context().clone(), mesh.cells().len());
+    let counts = context.comm().all_gather_one(count);
+    let before: usize = counts[..context.rank()].iter().sum();
+    let rank = |cell: usize| (before + cell) * context.size() / counts.iter().sum::<usize>();
+    mesh.distribute(&(0..count).map(rank).collect::<Vec<_>>())
+}
+
 fn meshes(corners: usize) -> Result<()> {
     mesh(corners, [5, 3], 2)
 }
 
 fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
     let context = Context::start(&[])?;
-    let mut mesh = rectangle(&context, corners, cells)?.distribute()?;
+    let mut mesh = distributed(rectangle(&context, corners, cells)?)?;
     let boundary = mesh.boundary_edges()?;
     let edges = at_left(&mesh, boundary)?;
     mesh.label("support", 1, &edges)?;
@@ -104,7 +113,7 @@ fn mesh(corners: usize, cells: [usize; 2], refinements: u32) -> Result<()> {
 /// like that of the string.
 fn dofs(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
-    let mesh = rectangle(&context, 4, [4, 2])?.distribute()?;
+    let mesh = distributed(rectangle(&context, 4, [4, 2])?)?;
     let mesh = Refinement::new(&mesh)?.fine()?;
     let (positions, first) = (mesh.coordinates()?, mesh.vertices().start);
     let vertices = mesh.vertices();
