@@ -90,12 +90,13 @@ bench: setup ## time steps and their parts, effects, sweeps, other programs, mor
 	@cargo bench --locked --bench effects --bench field
 	$(call say,steps)
 	@cargo bench --locked --bench step | tee docs/performance/steps.txt
+	@cargo bench --locked --bench substructures | tee docs/performance/substructures.txt
 	$(call say,sweeps)
 	@scripts/sweep_speed.py --rounds 5 --before 46a1d2c | tee docs/performance/sweeps.txt
 	$(call say,other programs)
 	@benches/peers/compare.py | tee docs/performance/peers.txt
 	$(call say,PETSc on fine meshes)
-	@scripts/scaling.py --draw docs/performance/scaling.svg | tee docs/performance/scaling.txt
+	@scripts/scaling.py | tee docs/performance/scaling.txt
 
 table: setup ## recompute the table of the paper
 	$(call say,table)

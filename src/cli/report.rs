@@ -3,11 +3,16 @@
 use crate::output::text::{Report, significant, two_digits};
 use crate::scene::Scene;
 use crate::scheme::RelaxationStatistics;
-use crate::simulation::{Extremes, HardestImpact, LinearIterations, NamedForce, Outcome, StressPeak};
+use crate::simulation::{
+    Extremes, HardestImpact, LinearIterations, NamedForce, Outcome, QuickestRanks, Seconds, StressPeak,
+};
 use std::path::Path;
 
 /// Number of contacts listed in a report.
 const MOST_CONTACTS: usize = 6;
+
+/// Time of a run, in s, from which the report says whether ranks would shorten it.
+const LONG: f64 = 10.0;
 
 /// Component of a moment, relative to the other one, that is rounding.
 const ROUNDING: f64 = 1e-9;
@@ -71,6 +76,16 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     report.text("worst KKT residual", two_digits(outcome.worst_kkt));
     if scene.has_contact() {
         report.text("worst penetration", format!("{} m", two_digits(outcome.worst_penetration)));
+    }
+    let Seconds { assembly, equilibrium, factor, stepping, .. } = seconds;
+    let total = assembly + equilibrium + factor + stepping;
+    if let Some(QuickestRanks { ranks, seconds }) =
+        QuickestRanks::new(scene, outcome.dofs, outcome.steps, total).filter(|_| total >= LONG)
+    {
+        report.text(
+            "quicker",
+            format!("mpirun -n {ranks} rebond run: {} s of {} s", two_digits(seconds), two_digits(total)),
+        );
     }
     report.text("written to", format!("{}", folder.display()));
     report

@@ -181,6 +181,10 @@ impl Factor for SubstructuredFactor {
         Ok(())
     }
 
+    fn release(&mut self) {
+        self.cells.release();
+    }
+
     fn schur(&self) -> &Mat<f64> {
         self.interface.schur()
     }

@@ -28,7 +28,7 @@ pub mod vectors;
 pub use crate::kernels::{
     Bending, CellClass, CellForm, ElementMatrix, Layout, SingularMassCell, SingularMassCells,
 };
-pub use cholesky::Cholesky;
+pub use cholesky::{Cholesky, Size as FactorSize};
 pub use combination::LinearCombination;
 pub use form::Form;
 pub use modal::MassModes;
@@ -428,6 +428,10 @@ pub trait Factor {
         let _ = contact_dofs;
         Ok(false)
     }
+
+    /// Frees the memory of a factor that another one replaces; nothing else may be called after it.
+    /// The default frees nothing.
+    fn release(&mut self) {}
 
     /// Returns the Schur complement H of A on the contact dofs.
     fn schur(&self) -> &Mat<f64>;

@@ -3,8 +3,8 @@
 use super::cholesky;
 use super::form::{self, Form};
 use super::{
-    Cholesky, ElementMatrix, Engine, Factor, Indefinite, LinearCombination, MOST_SPOILT, RowCoupling,
-    SingularMassCell, vectors,
+    Cholesky, ElementMatrix, Engine, Factor, FactorSize, Indefinite, LinearCombination, MOST_SPOILT,
+    RowCoupling, SingularMassCell, vectors,
 };
 use crate::communicator::SelfComm;
 use crate::error::{Error, Result};
@@ -54,12 +54,12 @@ impl Native {
         Form::SingularMassCells(SingularMassCells::new(self.batches(cells), rows))
     }
 
-    /// Returns the number of entries of the factor of a sum of forms.
+    /// Returns the size of the factor of a sum of forms with some dofs (ascending) last.
     ///
     /// # Errors
     /// Returns [`Error::Memory`] where there is too little memory to find out.
-    pub fn factor_entries(&self, sum: &LinearCombination) -> Result<usize> {
-        Ok(Cholesky::size(&assembled(self.dofs(), sum)?)?.entries)
+    pub fn factor_size(&self, sum: &LinearCombination, last: &[usize]) -> Result<FactorSize> {
+        Cholesky::size(&assembled(self.dofs(), sum)?, last)
     }
 
     /// Makes a pass over the cells.
@@ -304,7 +304,7 @@ impl Engine for Native {
         if memory::is_plenty_for(bytes) {
             return Ok(());
         }
-        let size = Cholesky::size(&assembled(self.dofs(), sum)?)?;
+        let size = self.factor_size(sum, &[])?;
         cholesky::require(&size, factors as u64, self.dofs())
     }
 

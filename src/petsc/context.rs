@@ -94,6 +94,7 @@ impl Context {
         one_blas_thread();
         let (universe, _) = mpi::initialize_with_threading(Threading::Funneled)
             .ok_or_else(|| Error::Petsc("MPI was started by something else in this process".into()))?;
+        return_freed_memory();
         let everyone = WorldComm::new(universe);
         if everyone.size() > 1 {
             ending::abort_on_panic();
@@ -272,5 +273,24 @@ fn one_blas_thread() {
             // SAFETY: both functions have had this signature in every version.
             unsafe { std::mem::transmute::<*mut c_void, extern "C" fn(c_int)>(address)(1) };
         }
+    }
+}
+
+/// Smallest allocation that is given back to the system when it is freed, in bytes.
+const RETURNED: c_int = 1 << 20;
+
+/// Has large arrays given back when they are freed. Open MPI keeps them for later messages, and a
+/// run that replaces its factor would hold both.
+fn return_freed_memory() {
+    /// Parameter of `mallopt` for this size.
+    const M_MMAP_THRESHOLD: c_int = -3;
+    if let Some(address) = library::address(c"mallopt") {
+        // SAFETY: where the C library has this function, it has this signature.
+        unsafe {
+            std::mem::transmute::<*mut c_void, extern "C" fn(c_int, c_int) -> c_int>(address)(
+                M_MMAP_THRESHOLD,
+                RETURNED,
+            )
+        };
     }
 }

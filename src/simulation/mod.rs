@@ -19,6 +19,7 @@ mod outcome;
 mod pause;
 mod phase;
 mod plate_assembly;
+mod ranks;
 mod readings;
 mod refinement;
 mod regions;
@@ -50,6 +51,7 @@ pub use outcome::{BlockSeconds, EnergySpan, Impact, LinearIterations, Outcome, S
 pub use pause::RunState;
 pub use phase::on_phase;
 pub(crate) use phase::phase;
+pub use ranks::QuickestRanks;
 pub use run::{resume, run, run_scheme};
 pub(crate) use step_check::{advice, check_residual};
 pub use step_monitor::StepMonitor;

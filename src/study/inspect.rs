@@ -12,11 +12,13 @@ use crate::assembly::{self, CellArrays};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Made, Mesh, Point};
-use crate::output::text::{Report, significant};
+use crate::output::text::{Report, significant, two_digits};
 use crate::scene::{FieldInput, Mass, Scene};
 use crate::scheme::exact::expected_candidates;
 use crate::scheme::{self, System};
-use crate::simulation::{self, LinearChoice, LoadTotal, Matrices, Model, Resultant, StressPeak};
+use crate::simulation::{
+    self, LinearChoice, LoadTotal, Matrices, Model, QuickestRanks, Resultant, StressPeak,
+};
 use serde::Serialize;
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -135,6 +137,9 @@ pub struct Check {
     pub seconds_per_step: f64,
     /// Expected time of the run, in s, with set-up and without file output.
     pub expected_seconds: f64,
+    /// Ranks that would shorten the run; `None` where one process is the quickest way.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub quickest: Option<QuickestRanks>,
     /// Warnings, each with its reason.
     pub warnings: Vec<String>,
 }
@@ -244,12 +249,15 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let (mesh, made) = simulation::mesh_and_made(scene)?;
     let frequencies = frequencies_of(&native, &model)?;
     let inertia = 1.0 / (scene.time.step * scene.time.step);
-    let factor_entries = system.engine.factor_entries(&(&system.mass * inertia + &system.stiffness))?;
+    let factor_entries =
+        system.engine.factor_size(&(&system.mass * inertia + &system.stiffness), &[])?.entries;
     let (set_up, seconds_per_step) = stopwatch(&native, &model)?;
     let (advised_step, energy_step) =
         (advised_for(scene, &frequencies), energy_step_for(scene, &frequencies));
     let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, &frequencies)));
     let modal = modal_figures::figures(scene, &model, None, &mut warnings)?;
+    let steps = scene.time.steps();
+    let expected_seconds = set_up + seconds_per_step * steps as f64;
     Ok(Check {
         title: scene.title.clone(),
         scene: scene.resolved(),
@@ -266,13 +274,14 @@ pub fn check(scene: &Scene) -> Result<Check> {
             + dense(scene, system),
         frequencies,
         modal,
-        steps: scene.time.steps(),
+        steps,
         step: scene.time.step,
         advised_step,
         energy_step,
         any_step: scene.time.scheme.capabilities().is_event_driven,
         seconds_per_step,
-        expected_seconds: set_up + seconds_per_step * scene.time.steps() as f64,
+        expected_seconds,
+        quickest: QuickestRanks::new(&native, system.engine.dofs(), steps, expected_seconds),
         warnings,
     })
 }
@@ -445,6 +454,9 @@ impl fmt::Display for Check {
         }
         report.count("steps", self.steps, "");
         report.number("expected time", self.expected_seconds, "s");
+        if let Some(QuickestRanks { ranks, seconds }) = self.quickest {
+            report.text("quickest", format!("mpirun -n {ranks} rebond run: {} s", two_digits(seconds)));
+        }
         closing(&mut report, &self.warnings);
         report.fmt(f)
     }

@@ -166,6 +166,7 @@ impl Condensed {
         dofs: &[usize],
     ) -> Result<()> {
         if !self.factor.set_contact_dofs(dofs)? {
+            self.factor.release();
             self.factor = engine.factor(matrix, dofs)?;
             self.factorisations += 1;
         }

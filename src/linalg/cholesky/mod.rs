@@ -24,7 +24,7 @@ use faer::{Mat, Par, Side};
 pub(super) use inertia::factor_indefinite;
 use ordering::{analyse, analysis_failed, elimination_order};
 use pulp::Arch;
-use size::Size;
+pub use size::Size;
 pub(super) use size::{require, would_fit};
 use supernodes::Supernode;
 
@@ -89,7 +89,8 @@ impl Cholesky {
         let dofs = matrix.nrows();
         let order = elimination_order(&matrix, contact_dofs)?;
         let symbolic = analyse(&matrix, &order)?;
-        require(&Size::of(&symbolic, contact_dofs.len(), twice.is_some()), 1, dofs)?;
+        let size = Size::of(&symbolic, contact_dofs.len(), twice.is_some());
+        require(&size, 1, dofs)?;
         let layout = supernodes::layout(&symbolic).or_else(|| (dofs == 0).then(Default::default));
         let (supernodes, patterns) = layout.ok_or_else(|| analysis_failed(dofs, "no supernodes"))?;
         let tallest = supernodes.iter().map(|s| s.end - s.start + s.rows).max().unwrap_or(0);
@@ -107,33 +108,24 @@ impl Cholesky {
             work: vec![0.0; tallest],
             matrix,
             twice,
-            cost_of_digits: 0,
+            cost_of_digits: {
+                let [factor, solve] = size.multiplications.map(|count| count as f64);
+                (COST_OF_DIGITS * factor / solve.max(1.0)) as u32
+            },
             symbolic,
         };
-        cholesky.cost_of_digits = cholesky.count_cost_of_digits();
         cholesky.factor(None)?;
         Ok(cholesky)
     }
 
-    /// Returns the size of the factor, without contact dofs, of a matrix with the given lower
-    /// triangle, from the symbolic analysis alone.
+    /// Returns the size of the factor of a matrix with the given lower triangle and contact dofs,
+    /// from the symbolic analysis alone.
     ///
     /// # Errors
     /// Returns [`Error::Memory`] where even the analysis does not fit.
-    pub(super) fn size(matrix: &SparseColMat<usize, f64>) -> Result<Size> {
-        let order = elimination_order(matrix, &[])?;
-        Ok(Size::of(&analyse(matrix, &order)?, 0, false))
-    }
-
-    /// Counts the solves that take as long as a factorisation with twice the digits.
-    fn count_cost_of_digits(&self) -> u32 {
-        let heights = self.supernodes.iter().flat_map(|s| s.rows + 1..=s.rows + s.end - s.start);
-        let (mut factor, mut solve) = (0, 1);
-        for height in heights {
-            factor += height * height / 2;
-            solve += 2 * height;
-        }
-        (COST_OF_DIGITS * factor as f64 / solve as f64) as u32
+    pub(super) fn size(matrix: &SparseColMat<usize, f64>, contact_dofs: &[usize]) -> Result<Size> {
+        let order = elimination_order(matrix, contact_dofs)?;
+        Ok(Size::of(&analyse(matrix, &order)?, contact_dofs.len(), false))
     }
 
     /// Factors the matrix numerically, with some dofs pinned or with none.

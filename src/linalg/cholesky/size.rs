@@ -1,15 +1,18 @@
 //! Memory of a factor, known before the factorisation.
 
+use super::supernodes;
 use crate::error::Result;
 use crate::memory;
 use faer::Par;
 use faer::sparse::linalg::cholesky::SymbolicCholesky;
 
-/// Memory of a factor, known from its pattern.
-#[derive(Debug, Clone, Copy)]
+/// Memory and work of a factor, known from its pattern.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct Size {
     /// Number of stored entries of L.
     pub entries: usize,
+    /// Number of multiplications of the factorisation, and of a solve with one right-hand side.
+    pub multiplications: [u64; 2],
     /// Memory that the factor keeps in addition to the matrix, in bytes.
     pub kept: u64,
     /// Additional memory needed only during the factorisation, in bytes.
@@ -23,7 +26,13 @@ impl Size {
         let tail = 2 * contact_dofs * contact_dofs;
         let kept = size_of::<f64>() * (entries + tail + 4 * dofs);
         let passing = if twice { size_of::<f64>() * entries } else { scratch.unaligned_bytes_required() };
-        Size { entries, kept: kept as u64, passing: passing as u64 }
+        let (supernodes, _) = supernodes::layout(symbolic).unwrap_or_default();
+        let heights = supernodes.iter().flat_map(|s| s.rows + 1..=s.rows + s.end - s.start);
+        let multiplications = heights.fold([0, 0], |[factor, solve], height| {
+            let height = height as u64;
+            [factor + height * height / 2, solve + 2 * height]
+        });
+        Size { entries, multiplications, kept: kept as u64, passing: passing as u64 }
     }
 }
 

@@ -52,6 +52,10 @@ impl Factor for Cholesky {
         Ok(true)
     }
 
+    fn release(&mut self) {
+        (self.values, self.twice) = (Vec::new(), None);
+    }
+
     fn schur(&self) -> &Mat<f64> {
         &self.schur
     }
