@@ -360,7 +360,6 @@ impl Engine for Distributed {
                 return Ok(factor);
             }
         }
-        factor.set_contact_dofs(contact_dofs)?;
         Ok(Box::new(factor))
     }
 

@@ -1,29 +1,17 @@
 //! Factors of matrices over all ranks.
 
 use super::cascade::Cascade;
-use super::flexibility::Flexibility;
 use super::hierarchy::Hierarchy;
 use super::products::CellOperator;
-use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::vectors::{add, subtract};
 use crate::linalg::{BoundedDofs, CascadeFactor, Factor, LinearMethod, LinearSolves};
 use crate::petsc::{Comm, Context, Index, Ksp, Matrix, MultigridLevels, Operator, Plex, Vector};
-use faer::Mat;
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 /// Share of the tolerance at which the correction of an answer ends, whose start was not zero.
 const MARGIN: f64 = 0.1;
-
-/// Largest error of answers up to which columns of A^-1 make a Schur complement, relative and in
-/// the energy norm.
-///
-/// Each column has its own error. Where contact dofs lie close together, the columns differ by
-/// less, and the forces on those dofs would be lost in the error of their difference; corrections
-/// do not find them again.
-const MAX_SCHUR_ERROR: f64 = 1e-6;
 
 /// Criterion at which a solve by iteration ends.
 #[derive(Clone, Copy)]
@@ -36,10 +24,8 @@ enum StoppingCriterion {
     UpTo(f64),
 }
 
-/// Matrix factored by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say otherwise.
-///
-/// The Schur complement of the contact dofs is the inverse of their block of A^-1, the
-/// flexibility.
+/// Matrix factored or iterated on by PETSc: Cholesky by MUMPS, unless `-ksp_...` and `-pc_...` say
+/// otherwise. Dofs in contact are pinned.
 pub struct PetscFactor {
     context: Rc<Context>,
     matrix: Matrix,
@@ -62,12 +48,6 @@ pub struct PetscFactor {
     solves: Rc<Cell<LinearSolves>>,
     /// Position of this rank's first dof in global vectors.
     first: usize,
-    flexibility: Flexibility,
-    /// Solution of the last condensed right-hand side without contact, its values at the contact
-    /// dofs, and the condensed right-hand side.
-    free: Vec<f64>,
-    free_contact_dofs: Vec<f64>,
-    condensed: Vec<f64>,
 }
 
 impl PetscFactor {
@@ -102,11 +82,7 @@ impl PetscFactor {
             held,
             holds: false,
             first: right.range().start as usize,
-            flexibility: Flexibility::new(&context, right.local_size()),
             context,
-            free: vec![0.0; right.local_size()],
-            free_contact_dofs: Vec::new(),
-            condensed: Vec::new(),
             right,
             solution,
             solves,
@@ -257,51 +233,6 @@ impl Factor for PetscFactor {
         iterates.then(|| self.solver.tolerance().unwrap_or(f64::NAN))
     }
 
-    fn max_schur_error(&self) -> f64 {
-        MAX_SCHUR_ERROR
-    }
-
-    fn schur(&self) -> &Mat<f64> {
-        self.flexibility.schur()
-    }
-
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()> {
-        self.context.comm().all_reduce_sum_slice_unordered(more);
-        let mut free = std::mem::take(&mut self.free);
-        free.copy_from_slice(b);
-        self.solve_with(false, StoppingCriterion::Exact, &mut free)?;
-        self.free = free;
-        self.free_contact_dofs = self.flexibility.gather(&self.free);
-        self.condensed = self.flexibility.times_schur(&self.free_contact_dofs);
-        h.copy_from_slice(&self.condensed);
-        Ok(())
-    }
-
-    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
-        x.copy_from_slice(&self.free);
-        if values != self.free_contact_dofs {
-            // x = x_free + A^-1 G^T r, where the reactions r move the contact dofs to their values.
-            // Overwriting these entries of x by the values themselves would gain a last digit and
-            // spoil the equilibrium on fine meshes.
-            let mut forces = self.flexibility.times_schur(values);
-            subtract(&self.condensed, &mut forces);
-            if !self.flexibility.add_displacement(&forces, x) {
-                self.flexibility.put_forces(&forces, x);
-                self.solve_with(false, StoppingCriterion::Exact, x)?;
-                add(&self.free, x);
-            }
-        }
-        Ok(())
-    }
-
-    fn solve_schur(&self, h: &mut [f64]) {
-        if *h == self.condensed {
-            h.copy_from_slice(&self.free_contact_dofs);
-        } else {
-            self.flexibility.solve_schur(h);
-        }
-    }
-
     fn pin(&mut self, dofs: &[usize]) -> Result<()> {
         *self.held.borrow_mut() = dofs.to_vec();
         self.holds = self.context.comm().all_reduce_any(!dofs.is_empty());
@@ -330,15 +261,6 @@ impl Factor for PetscFactor {
         let (solver, _) = solver(&self.context, &held, operator, None)?;
         self.pinned = Some((held, solver));
         Ok(())
-    }
-
-    fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<bool> {
-        self.flexibility.set(contact_dofs, &mut self.solver)?;
-        Ok(true)
-    }
-
-    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        self.flexibility.archive(&mut self.solver, archive)
     }
 }
 

@@ -1,14 +1,13 @@
 //! Linear algebra and the mesh over all ranks, on the handles of [`petsc`](crate::petsc).
 //!
 //! A mesh is partitioned into one [`Part`] per rank. [`Distributed`] is the engine over the dofs of
-//! all parts: products cell by cell, factors by [substructures](substructure) or by PETSc.
+//! all parts: products cell by cell, factors by substructures or by PETSc.
 //! [`MeshPart`] relates the dofs and nodes of a part to the engine and to the other ranks.
 
 mod cascade;
 mod engine;
 mod exchange;
 mod factor;
-mod flexibility;
 mod hierarchy;
 mod mesh_part;
 mod own_mesh;

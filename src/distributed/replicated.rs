@@ -2,7 +2,7 @@
 
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::{Cholesky, Factor, PreciseEntry, factor_precise};
+use crate::linalg::{Cholesky, Factor, PreciseEntry, SchurFactor, factor_precise};
 use crate::memory;
 use crate::petsc::Context;
 use faer::Mat;
@@ -54,6 +54,10 @@ impl ReplicatedFactor {
 }
 
 impl Factor for ReplicatedFactor {
+    fn schur_factor(&mut self) -> Option<&mut dyn SchurFactor> {
+        Some(self)
+    }
+
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         let mut values = self.gather(x);
         self.factor.solve(&mut values)?;
@@ -65,7 +69,14 @@ impl Factor for ReplicatedFactor {
         true
     }
 
-    fn schur(&self) -> &Mat<f64> {
+    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
+        let dofs: Vec<usize> = dofs.iter().map(|dof| self.range.start + dof).collect();
+        self.factor.pin(&self.context.comm().all_gather(&dofs))
+    }
+}
+
+impl SchurFactor for ReplicatedFactor {
+    fn schur(&mut self) -> &Mat<f64> {
         self.factor.schur()
     }
 
@@ -82,12 +93,7 @@ impl Factor for ReplicatedFactor {
         Ok(())
     }
 
-    fn solve_schur(&self, h: &mut [f64]) {
+    fn solve_schur(&mut self, h: &mut [f64]) {
         self.factor.solve_schur(h);
-    }
-
-    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
-        let dofs: Vec<usize> = dofs.iter().map(|dof| self.range.start + dof).collect();
-        self.factor.pin(&self.context.comm().all_gather(&dofs))
     }
 }

@@ -19,7 +19,7 @@
 use super::products::CellProducts;
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::{Cholesky, Engine, Factor, LinearCombination, assemble, lower_triangle};
+use crate::linalg::{Cholesky, Engine, Factor, LinearCombination, SchurFactor, assemble, lower_triangle};
 use crate::petsc::{Index, WorldComm};
 use faer::Mat;
 use faer::sparse::SparseColMat;
@@ -122,7 +122,7 @@ impl SubstructuredFactor {
             add_to_diagonal(&mut matrix, &kept, &others);
             Cholesky::new(matrix, &kept)
         });
-        let cells = comm.all_ok(cells)?;
+        let mut cells = comm.all_ok(cells)?;
         let summands = Summands { comm, places: &places, others: &others };
         Ok(Some(SubstructuredFactor {
             interface: summands.factor(cells.schur(), interface.len(), &contact, &[])?,
@@ -170,6 +170,10 @@ impl SubstructuredFactor {
 }
 
 impl Factor for SubstructuredFactor {
+    fn schur_factor(&mut self) -> Option<&mut dyn SchurFactor> {
+        Some(self)
+    }
+
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         // Other rows of a matrix with pinned dofs do not see their values.
         let values: Vec<f64> = self.pinned.iter().map(|&dof| std::mem::take(&mut x[dof])).collect();
@@ -185,24 +189,6 @@ impl Factor for SubstructuredFactor {
         self.cells.release();
     }
 
-    fn schur(&self) -> &Mat<f64> {
-        self.interface.schur()
-    }
-
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()> {
-        self.forward(b, more)?;
-        self.interface.forward_to_schur(&self.at_interface, h, &mut [])
-    }
-
-    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
-        self.interface.back_substitute(values, &mut self.at_interface)?;
-        self.backward(x)
-    }
-
-    fn solve_schur(&self, h: &mut [f64]) {
-        self.interface.solve_schur(h);
-    }
-
     fn pin(&mut self, dofs: &[usize]) -> Result<()> {
         let numbers = dofs.iter().map(|&dof| self.part.owned[dof]);
         let (kept, inner): (Vec<usize>, Vec<usize>) =
@@ -216,6 +202,26 @@ impl Factor for SubstructuredFactor {
         let size = self.at_interface.len();
         self.interface = summands.factor(self.cells.schur(), size, &self.contact, &self.pinned_places)?;
         Ok(())
+    }
+}
+
+impl SchurFactor for SubstructuredFactor {
+    fn schur(&mut self) -> &Mat<f64> {
+        self.interface.schur()
+    }
+
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()> {
+        self.forward(b, more)?;
+        self.interface.forward_to_schur(&self.at_interface, h, &mut [])
+    }
+
+    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
+        self.interface.back_substitute(values, &mut self.at_interface)?;
+        self.backward(x)
+    }
+
+    fn solve_schur(&mut self, h: &mut [f64]) {
+        self.interface.solve_schur(h);
     }
 }
 

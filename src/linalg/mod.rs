@@ -11,10 +11,10 @@
 //! A = \begin{pmatrix} A_{ff} & A_{fc} \\ A_{cf} & A_{cc} \end{pmatrix},
 //! ```
 //!
-//! [`Factor::forward_to_schur`] reduces `$A x = b$` to `$H x_c = h$`, where
+//! [`SchurFactor::forward_to_schur`] reduces `$A x = b$` to `$H x_c = h$`, where
 //! `$H = A_{cc} - A_{cf} A_{ff}^{-1} A_{fc}$` is the Schur complement on the contact dofs, and
-//! [`Factor::back_substitute`] completes `$x$` once `$x_c$` is known. A contact step then costs one
-//! sparse solve and one small dense problem.
+//! [`SchurFactor::back_substitute`] completes `$x$` once `$x_c$` is known. A contact step then costs
+//! one sparse solve and one small dense problem.
 
 mod bending;
 mod cholesky;
@@ -36,7 +36,6 @@ pub use native::{Native, PreciseEntry, factor_precise, precise_entries};
 #[cfg(feature = "petsc")]
 pub(crate) use native::{assemble, lower_triangle};
 
-use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::random;
@@ -250,6 +249,7 @@ pub trait Engine: Sized {
     }
 
     /// Factors a sum of forms with the contact dofs (dofs of this rank, ascending) eliminated last.
+    /// A factor without [`Factor::schur_factor`] leaves them where they are.
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the sum is not positive definite.
@@ -374,9 +374,14 @@ pub trait Factor {
     /// Solves A x = b in place: x holds b on entry.
     fn solve(&mut self, x: &mut [f64]) -> Result<()>;
 
+    /// Returns the factor with its contact dofs eliminated last; `None` where it has no Schur
+    /// complement, which is the default. Active dofs are then pinned, however few they are.
+    fn schur_factor(&mut self) -> Option<&mut dyn SchurFactor> {
+        None
+    }
+
     /// Returns the iteration by which A is solved where one factor serves all pinned dofs; `None`
-    /// elsewhere, which is the default. With it, to pin active dofs costs less than their Schur
-    /// complement, however few they are.
+    /// elsewhere, which is the default.
     fn cascade(&mut self) -> Option<&mut dyn CascadeFactor> {
         None
     }
@@ -385,12 +390,6 @@ pub trait Factor {
     /// cells ends at it, so that it need not be estimated.
     fn known_error(&self) -> Option<f64> {
         None
-    }
-
-    /// Returns the largest error of answers, relative and in the energy norm, up to which the Schur
-    /// complement may be used. It is unlimited where one factor gives all of the complement.
-    fn max_schur_error(&self) -> f64 {
-        f64::INFINITY
     }
 
     /// Solves A X = B in place, one system per column.
@@ -419,34 +418,9 @@ pub trait Factor {
         Ok(false)
     }
 
-    /// Changes the contact dofs of a factor without pinned dofs. Returns whether this was possible;
-    /// otherwise, which is the default, the matrix is to be factored again.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Engine::factor`].
-    fn set_contact_dofs(&mut self, contact_dofs: &[usize]) -> Result<bool> {
-        let _ = contact_dofs;
-        Ok(false)
-    }
-
     /// Frees the memory of a factor that another one replaces; nothing else may be called after it.
     /// The default frees nothing.
     fn release(&mut self) {}
-
-    /// Returns the Schur complement H of A on the contact dofs.
-    fn schur(&self) -> &Mat<f64>;
-
-    /// Eliminates all other dofs and writes the right-hand side h of H x_c = h. The factor keeps
-    /// the intermediate state for [`Factor::back_substitute`]. The entries of `more` become their
-    /// sums over all ranks, in the same message where possible.
-    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()>;
-
-    /// Completes the solution of the last [`Factor::forward_to_schur`] from the values at the
-    /// contact dofs.
-    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()>;
-
-    /// Solves H x_c = h in place: `h` becomes x_c.
-    fn solve_schur(&self, h: &mut [f64]);
 
     /// Factors the matrix again with some dofs (in any order) held fixed: their rows and columns
     /// become rows and columns of the identity.
@@ -457,16 +431,24 @@ pub trait Factor {
     /// # Errors
     /// Returns [`crate::Error::Singular`] where the matrix is not positive definite.
     fn pin(&mut self, dofs: &[usize]) -> Result<()>;
+}
 
-    /// Saves or restores the rounding that earlier changes of contact dofs left in the factor. The
-    /// factor already has its present contact dofs.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Checkpoint`] where the archive does not fit.
-    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        let _ = archive;
-        Ok(())
-    }
+/// Factor that eliminates the contact dofs last.
+pub trait SchurFactor {
+    /// Returns the Schur complement H of A on the contact dofs.
+    fn schur(&mut self) -> &Mat<f64>;
+
+    /// Eliminates all other dofs and writes the right-hand side h of H x_c = h. The factor keeps
+    /// the intermediate state for [`SchurFactor::back_substitute`]. The entries of `more` become
+    /// their sums over all ranks, in the same message where possible.
+    fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()>;
+
+    /// Completes the solution of the last [`SchurFactor::forward_to_schur`] from the values at the
+    /// contact dofs.
+    fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()>;
+
+    /// Solves H x_c = h in place: `h` becomes x_c.
+    fn solve_schur(&mut self, h: &mut [f64]);
 }
 
 /// Factor that iterates over coarser meshes.

@@ -2,11 +2,11 @@
 //!
 //! A step is a forward elimination down to the candidates, their dense box-constrained problem, and
 //! a back substitution: the cost of one solve. Nodes that come into reach become candidates, in
-//! growing lots; the native engine then factors the matrix again with them last. Where contact is
-//! wide (a plate thrown flat), the dense problem would cost more than a sparse factor. Above
-//! [`DENSE_LIMIT`] candidates, and until nothing touches any more, the active dofs are therefore
-//! pinned in the sparse matrix, natively on the same symbolic analysis. Both are exact active-set
-//! methods.
+//! growing lots, and the matrix is factored again with them last. Where contact is wide (a plate
+//! thrown flat), the dense problem would cost more than a sparse factor. Above [`DENSE_LIMIT`]
+//! candidates, and until nothing touches any more, the active dofs are therefore pinned in the
+//! sparse matrix, natively on the same symbolic analysis. So they are with factors that have no
+//! Schur complement. Both are exact active-set methods.
 //!
 //! Bounds that yield are candidates like others, of a dense problem that Newton's method solves;
 //! beside pinned dofs their forces follow from the displacements that unit forces cause.
@@ -31,8 +31,7 @@ pub const DENSE_LIMIT: usize = 512;
 const FIRST_LOT: usize = 4;
 
 /// Largest KKT residual, dimensionless, that is accepted from the Schur complement. Above it the
-/// step is solved again with the active dofs pinned. On PETSc, the Schur complement of neighbouring
-/// dofs comes from their flexibility and may lose that many digits.
+/// step is solved again with the active dofs pinned: neighbouring dofs may be nearly dependent.
 const MAX_SCHUR_RESIDUAL: f64 = 1e-11;
 
 /// Condensed solver; see the [module page](self).
@@ -119,7 +118,7 @@ impl Condensed {
         bounds: &Bounds,
         x: &[f64],
     ) -> Result<()> {
-        if self.factor.cascade().is_some() || self.factor_error > self.factor.max_schur_error() {
+        if self.factor.schur_factor().is_none() {
             return self.pin(engine, matrix);
         }
         let Method::Dense { candidates, first } = &mut self.method else { return Ok(()) };
@@ -165,7 +164,7 @@ impl Condensed {
         matrix: &LinearCombination,
         dofs: &[usize],
     ) -> Result<()> {
-        if !self.factor.set_contact_dofs(dofs)? {
+        if self.factor.schur_factor().is_some() {
             self.factor.release();
             self.factor = engine.factor(matrix, dofs)?;
             self.factorisations += 1;
@@ -181,12 +180,17 @@ impl Condensed {
         Ok(())
     }
 
+    /// Returns the number of candidates of all ranks.
+    fn candidates_of_all(&mut self) -> usize {
+        self.factor.schur_factor().map_or(0, |factor| factor.schur().nrows())
+    }
+
     /// Switches to pinned dofs after an answer that lost digits. Returns whether this is a change.
     ///
     /// # Errors
     /// Returns the errors of the engine.
     pub fn distrust(&mut self, engine: &impl Engine, matrix: &LinearCombination) -> Result<bool> {
-        let dense = matches!(self.method, Method::Dense { .. }) && self.factor.schur().nrows() > 0;
+        let dense = matches!(self.method, Method::Dense { .. }) && self.candidates_of_all() > 0;
         if dense {
             self.pin(engine, matrix)?;
             self.sides.fill(BoundStatus::Free);
@@ -213,16 +217,16 @@ impl Condensed {
     }
 
     fn solve_dense(&mut self, engine: &impl Engine, problem: &Problem, answer: &mut Answer) -> Result<u32> {
+        let size = self.candidates_of_all();
         let Method::Dense { candidates, first } = &self.method else { return Ok(0) };
         let Problem { rhs: b, bounds, .. } = *problem;
         let Answer { x, reaction } = answer;
         clear(reaction);
-        let size = self.factor.schur().nrows();
-        if size == 0 {
+        let Some(factor) = self.factor.schur_factor().filter(|_| size > 0) else {
             x.copy_from_slice(b);
             self.factor.solve(x)?;
             return Ok(0);
-        }
+        };
         // Every rank solves the same dense problem, from the bounds and statuses of all ranks.
         let DenseWork { shared, sides, h, values, forces } = &mut self.work;
         shared.clear();
@@ -238,7 +242,7 @@ impl Condensed {
         }
         [&mut *h, values, forces].into_iter().for_each(|v| v.resize(size, 0.0));
         forces.fill(0.0);
-        self.factor.forward_to_schur(b, h, shared)?;
+        factor.forward_to_schur(b, h, shared)?;
         let (lower, rest) = shared.split_at_mut(size);
         let (upper, codes) = rest.split_at_mut(size);
         sides.clear();
@@ -247,7 +251,7 @@ impl Condensed {
         // there at once.
         let inside = !touching(sides) && {
             values.copy_from_slice(h);
-            self.factor.solve_schur(values);
+            factor.solve_schur(values);
             values.iter().zip(lower.iter().zip(upper.iter())).all(|(x, (l, u))| (l..=u).contains(&x))
         };
         let iterations = if inside {
@@ -257,7 +261,7 @@ impl Condensed {
         } else {
             let yielding =
                 laws::yielding(engine, bounds, (candidates, entries.start), [&mut *lower, &mut *upper]);
-            let rigid = DenseProblem { matrix: self.factor.schur(), rhs: h, lower, upper };
+            let rigid = DenseProblem { matrix: factor.schur(), rhs: h, lower, upper };
             let mut answer = Answer { x: values, reaction: forces };
             let exchanges = YieldingProblem { rigid, yielding: &yielding }.solve(sides, &mut answer);
             let exchanges = if self.is_led {
@@ -271,7 +275,7 @@ impl Condensed {
         for (entry, &i) in entries.zip(candidates) {
             (reaction[i], self.sides[i]) = (forces[entry], sides[entry]);
         }
-        self.factor.back_substitute(values, x)?;
+        factor.back_substitute(values, x)?;
         Ok(iterations)
     }
 }
@@ -348,8 +352,7 @@ impl<E: Engine> Solver<E> for Condensed {
                 self.add_digits(engine, matrix)?;
             }
         }
-        archive.value(&mut self.factorisations)?;
-        self.factor.archive(archive)
+        archive.value(&mut self.factorisations)
     }
 
     fn factor_error(&self) -> f64 {

@@ -237,7 +237,8 @@ impl Both {
         let mut exact = b.clone();
         native.engine.factor(&twin, &[])?.solve(&mut exact)?;
 
-        let (mut factor, mut h) = (engine.factor(&sum, &dofs)?, vec![0.0; order.len()]);
+        let mut whole = engine.factor(&sum, &dofs)?;
+        let (factor, mut h) = (whole.schur_factor().expect("a Schur complement"), vec![0.0; order.len()]);
         let mut count = [1.0, engine.comm().rank() as f64];
         factor.forward_to_schur(&self.own(&b), &mut h, &mut count)?;
         let size = engine.comm().size() as f64;

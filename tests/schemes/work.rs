@@ -7,9 +7,8 @@
 use super::common::scenes;
 use crate::common::models::PAPER_PLATE;
 use faer::Mat;
-use rebond::archive::Archive;
 use rebond::error::Result;
-use rebond::linalg::{Engine, Factor, Form, LinearCombination, Native, SingularMassCells};
+use rebond::linalg::{Engine, Factor, Form, LinearCombination, Native, SchurFactor, SingularMassCells};
 use rebond::scheme::{Conserving, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Start, System};
 use rebond::simulation::Model;
 use std::cell::Cell;
@@ -97,34 +96,42 @@ impl Engine for Counted {
 }
 
 impl Factor for CountedFactor {
+    fn schur_factor(&mut self) -> Option<&mut dyn SchurFactor> {
+        Some(self)
+    }
+
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         count(&self.work, |work| work.solves += 1);
         self.factor.solve(x)
     }
 
-    fn schur(&self) -> &Mat<f64> {
-        self.factor.schur()
+    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
+        self.factor.pin(dofs)
+    }
+}
+
+impl CountedFactor {
+    fn inner(&mut self) -> &mut dyn SchurFactor {
+        self.factor.schur_factor().expect("a native factor")
+    }
+}
+
+impl SchurFactor for CountedFactor {
+    fn schur(&mut self) -> &Mat<f64> {
+        self.inner().schur()
     }
 
     fn forward_to_schur(&mut self, b: &[f64], h: &mut [f64], more: &mut [f64]) -> Result<()> {
-        self.factor.forward_to_schur(b, h, more)
+        self.inner().forward_to_schur(b, h, more)
     }
 
     fn back_substitute(&mut self, values: &[f64], x: &mut [f64]) -> Result<()> {
         count(&self.work, |work| work.solves += 1);
-        self.factor.back_substitute(values, x)
+        self.inner().back_substitute(values, x)
     }
 
-    fn solve_schur(&self, h: &mut [f64]) {
-        self.factor.solve_schur(h);
-    }
-
-    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
-        self.factor.pin(dofs)
-    }
-
-    fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        self.factor.archive(archive)
+    fn solve_schur(&mut self, h: &mut [f64]) {
+        self.inner().solve_schur(h);
     }
 }
 

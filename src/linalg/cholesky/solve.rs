@@ -6,13 +6,17 @@ use super::{Cholesky, no_memory};
 use crate::error::{Error, Result};
 use crate::kernels::simd::{dot4, subtract4};
 use crate::linalg::native::assembled_twice;
-use crate::linalg::{Factor, LinearCombination};
+use crate::linalg::{Factor, LinearCombination, SchurFactor};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::sparse::linalg::cholesky::LltRef;
 use faer::{Conj, Mat, Par};
 use pulp::{Simd, WithSimd};
 
 impl Factor for Cholesky {
+    fn schur_factor(&mut self) -> Option<&mut dyn SchurFactor> {
+        Some(self)
+    }
+
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
         let dofs = x.len();
         self.permute(x);
@@ -56,7 +60,20 @@ impl Factor for Cholesky {
         (self.values, self.twice) = (Vec::new(), None);
     }
 
-    fn schur(&self) -> &Mat<f64> {
+    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
+        if dofs.is_empty() {
+            return self.factor(None);
+        }
+        let mut pinned = vec![false; self.matrix.nrows()];
+        for &dof in dofs {
+            pinned[dof] = true;
+        }
+        self.factor(Some(&pinned))
+    }
+}
+
+impl SchurFactor for Cholesky {
+    fn schur(&mut self) -> &Mat<f64> {
         &self.schur
     }
 
@@ -74,7 +91,7 @@ impl Factor for Cholesky {
         Ok(())
     }
 
-    fn solve_schur(&self, h: &mut [f64]) {
+    fn solve_schur(&mut self, h: &mut [f64]) {
         let size = h.len();
         for j in 0..size {
             let column = self.tail.col(j);
@@ -88,17 +105,6 @@ impl Factor for Cholesky {
             let sum: f64 = (j + 1..size).map(|i| column[i] * h[i]).sum();
             h[j] = (h[j] - sum) / column[j];
         }
-    }
-
-    fn pin(&mut self, dofs: &[usize]) -> Result<()> {
-        if dofs.is_empty() {
-            return self.factor(None);
-        }
-        let mut pinned = vec![false; self.matrix.nrows()];
-        for &dof in dofs {
-            pinned[dof] = true;
-        }
-        self.factor(Some(&pinned))
     }
 }
 
