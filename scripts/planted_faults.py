@@ -67,7 +67,7 @@ FAULTS = [
      "self.rows.iter().skip(usize::from({planted})).take(MOST_RUNS)", "cli", "a_sweep_has_a_page"),
     ("bound shifted by a millionth", "src/obstacle.rs", "factor * ((bound - u) - s * d)",
      "factor * ((bound - u) - s * d) + {if} { 1e-6 } else { 0.0 }", "hard", "gap_zero"),
-    ("reactions of the wrong sign", "src/vi/condensed.rs", "reaction[i] = forces[first + k];",
+    ("reactions of the wrong sign", "src/vi/condensed.rs", "(reaction[i], self.sides[i]) = (forces[entry], sides[entry]);",
      "reaction[i] = {if} { -1.0 } else { 1.0 } * forces[first + k];", "solvers", "ten_thousand_small_problems"),
     ("contact that never opens", "src/vi/active_set.rs",
      "BoundStatus::Lower if reaction[i] < -rounding && lower[i] < upper[i] => BoundStatus::Free,",

@@ -13,8 +13,8 @@
 //!
 //! [`SchurFactor::forward_to_schur`] reduces `$A x = b$` to `$H x_c = h$`, where
 //! `$H = A_{cc} - A_{cf} A_{ff}^{-1} A_{fc}$` is the Schur complement on the contact dofs, and
-//! [`SchurFactor::back_substitute`] completes `$x$` once `$x_c$` is known. A contact step then costs
-//! one sparse solve and one small dense problem.
+//! [`SchurFactor::back_substitute`] completes `$x$` once `$x_c$` is known. A contact step then
+//! costs one sparse solve and one small dense problem.
 
 mod bending;
 mod cholesky;
