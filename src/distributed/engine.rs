@@ -201,23 +201,27 @@ impl Distributed {
         Ok(Box::new(factor))
     }
 
-    /// Factors a sum of forms by substructures, or with twice the digits where rounding spoils
-    /// that. Returns `None` where the interface is too large. Collective.
-    fn substructured(
+    /// Factors a sum of forms, or prepares the iteration that the options choose, whatever digits
+    /// rounding takes. Collective.
+    fn factor_in_doubles(
         &self,
+        linear: SystemSolver,
         sum: &LinearCombination,
         contact_dofs: &[usize],
-    ) -> Result<Option<Box<dyn Factor>>> {
-        let factor = SubstructuredFactor::new(&self.part, sum, &self.diagonal(sum)?, contact_dofs);
-        let is_spoilt = matches!(factor, Err(Error::Singular(_)));
-        if self.comm().all_reduce_any(is_spoilt) {
-            return self.replicated(sum, contact_dofs).map(Some);
+    ) -> Result<Box<dyn Factor>> {
+        if let SystemSolver::Substructures = linear
+            && let Some(factor) =
+                SubstructuredFactor::new(&self.part, sum, &self.diagonal(sum)?, contact_dofs)?
+        {
+            return Ok(Box::new(factor));
         }
-        let Some(mut factor) = factor? else { return Ok(None) };
-        if estimate_factor_error(self, sum, &mut factor)? <= MOST_SPOILT {
-            return Ok(Some(Box::new(factor)));
+        let mut matrix = self.symmetric_matrix(sum, matches!(linear, SystemSolver::Subdomains))?;
+        matrix.set_positive_definite()?;
+        if linear.method() == LinearMethod::Iterative {
+            self.prepare_for_algebraic_multigrid(&mut matrix)?;
         }
-        self.replicated(sum, contact_dofs).map(Some)
+        let operator = CellOperator::new(&self.products, self.owned, sum);
+        Ok(Box::new(PetscFactor::new(&self.plex, matrix, operator, linear, self.solves.clone())?))
     }
 
     /// Returns the contributions of this rank's cells to some rows of a linear combination of
@@ -333,34 +337,24 @@ impl Engine for Distributed {
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
         let linear = SystemSolver::new(&self.context, self.hierarchy.as_ref())?;
-        if let SystemSolver::Substructures = linear
-            && let Some(factor) = self.substructured(sum, contact_dofs)?
-        {
-            return Ok(factor);
-        }
         let is_direct = linear.method() == LinearMethod::Direct;
-        let mut matrix = self.symmetric_matrix(sum, matches!(linear, SystemSolver::Subdomains))?;
-        matrix.set_positive_definite()?;
-        if linear.method() == LinearMethod::Iterative {
-            self.prepare_for_algebraic_multigrid(&mut matrix)?;
+        let factor = self.factor_in_doubles(linear, sum, contact_dofs);
+        let is_indefinite = matches!(factor, Err(Error::Singular(_)));
+        if is_direct && self.comm().all_reduce_any(is_indefinite) {
+            return self.replicated(sum, contact_dofs);
         }
-        let operator = CellOperator::new(&self.products, self.owned, sum);
-        let factor = PetscFactor::new(&self.plex, matrix, operator, linear, self.solves.clone());
-        let mut factor = match factor {
-            Err(Error::Singular(_)) if is_direct => return self.replicated(sum, contact_dofs),
-            factor => factor?,
-        };
+        let mut factor = factor?;
         // How many digits MUMPS loses depends on the kernels of BLAS. What is left may do where a
         // factor with twice the digits does not fit.
         if is_direct {
-            let error = estimate_factor_error(self, sum, &mut factor)?;
+            let error = estimate_factor_error(self, sum, factor.as_mut())?;
             if (error > MOST_SPOILT || error.is_nan())
                 && let Ok(factor) = self.replicated(sum, contact_dofs)
             {
                 return Ok(factor);
             }
         }
-        Ok(Box::new(factor))
+        Ok(factor)
     }
 
     fn linear_solves(&self) -> LinearSolves {

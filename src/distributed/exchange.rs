@@ -1,4 +1,4 @@
-//! DofExchange of values at the dofs that several ranks share, between neighbours only.
+//! Exchange of values at the dofs that several ranks share, between neighbours only.
 
 use crate::communicator::Communicator;
 use crate::petsc::{Index, WorldComm};

@@ -90,15 +90,15 @@ impl PetscFactor {
         })
     }
 
-    /// Solves for the right-hand side in x, with pinned dofs or without.
-    fn solve_with(&mut self, pinned: bool, criterion: StoppingCriterion, x: &mut [f64]) -> Result<()> {
+    /// Solves for the right-hand side in x, with the pinned dofs held.
+    fn solve_with(&mut self, criterion: StoppingCriterion, x: &mut [f64]) -> Result<()> {
         let solver = match &mut self.pinned {
-            Some((_, solver)) if pinned && self.holds => solver,
+            Some((_, solver)) if self.holds => solver,
             _ => &mut self.solver,
         };
         // Held dofs have equations of their own, whose size the norm of an iteration cannot weigh
         // against the size of the others.
-        let held = if pinned && self.linear.method() != LinearMethod::Direct {
+        let held = if self.linear.method() != LinearMethod::Direct {
             self.held.borrow().clone()
         } else {
             Vec::new()
@@ -221,7 +221,7 @@ fn solver(
 
 impl Factor for PetscFactor {
     fn solve(&mut self, x: &mut [f64]) -> Result<()> {
-        self.solve_with(true, StoppingCriterion::Exact, x)
+        self.solve_with(StoppingCriterion::Exact, x)
     }
 
     fn cascade(&mut self) -> Option<&mut dyn CascadeFactor> {
@@ -266,13 +266,13 @@ impl Factor for PetscFactor {
 
 impl CascadeFactor for PetscFactor {
     fn solve_roughly(&mut self, x: &mut [f64]) -> Result<()> {
-        self.solve_with(true, StoppingCriterion::Rough, x)
+        self.solve_with(StoppingCriterion::Rough, x)
     }
 
     fn solve_correction(&mut self, norm: f64, x: &mut [f64]) -> Result<()> {
         let ends_early = self.solver.measures_energy()?;
         let error = if ends_early { MARGIN * norm * self.solver.tolerance()? } else { 0.0 };
-        self.solve_with(true, StoppingCriterion::UpTo(error), x)
+        self.solve_with(StoppingCriterion::UpTo(error), x)
     }
 
     fn find_contact(

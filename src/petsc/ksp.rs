@@ -245,27 +245,6 @@ impl Ksp {
         self.judge()
     }
 
-    /// Solves A X = B for all columns of dense matrices. Collective.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Ksp::solve`].
-    pub fn solve_columns(&mut self, b: &Matrix, x: &mut Matrix) -> Result<()> {
-        if self.kind()?[0] == "preonly" {
-            call!(KSPMatSolve(self.raw, b.raw, x.raw))?;
-            return self.judge();
-        }
-        // PETSc's block solve reports convergence of the last column only.
-        for column in 0..int(b.size()[1])? {
-            let mut right = get!(MatDenseGetColumnVecRead(b.raw, column))?;
-            let mut solution = get!(MatDenseGetColumnVecWrite(x.raw, column))?;
-            let solved = call!(KSPSolve(self.raw, right, solution));
-            call!(MatDenseRestoreColumnVecWrite(x.raw, column, &mut solution))?;
-            call!(MatDenseRestoreColumnVecRead(b.raw, column, &mut right))?;
-            self.settle(solved)?;
-        }
-        Ok(())
-    }
-
     /// Returns whether the solver iterates until its tolerance is met, rather than apply the
     /// preconditioner once.
     ///

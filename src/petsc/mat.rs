@@ -4,7 +4,7 @@
 
 use super::error::{call, get, int};
 use super::handle::handle;
-use super::vec::{slice, slice_mut};
+use super::vec::slice;
 use super::{Comm, Context, Index, IndexSet, Vector, sys};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
@@ -116,19 +116,6 @@ impl Matrix {
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn without_triplets(self) -> Result<Self> {
         self.duplicate()
-    }
-
-    /// Creates a dense matrix of zeros: `local` rows on this rank, `columns` columns in all.
-    /// Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn dense(context: &Rc<Context>, comm: Comm, local: usize, columns: usize) -> Result<Self> {
-        let (end, null) = (sys::PETSC_DETERMINE, std::ptr::null_mut());
-        let raw = get!(MatCreateDense(context.raw(comm), int(local)?, end, end, int(columns)?, null))?;
-        let mut matrix = Self::owning(raw, context);
-        matrix.assemble()?;
-        Ok(matrix)
     }
 
     /// Returns the numbers of rows and columns over all ranks.
@@ -461,43 +448,6 @@ impl Matrix {
             unsafe { (slice(columns, length as usize).to_vec(), slice(values, length as usize).to_vec()) };
         call!(MatRestoreRow(self.raw, row, &mut length, &mut columns, &mut values))?;
         Ok(copy)
-    }
-
-    /// Reads a dense matrix: this rank's rows of every column, column by column.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where the matrix is not dense.
-    pub fn with_columns<T>(&self, read: impl FnOnce(&[f64]) -> T) -> Result<T> {
-        let length = self.dense_length()?;
-        let mut array = get!(MatDenseGetArrayRead(self.raw))?;
-        // SAFETY: PETSc's array has this length.
-        let result = read(unsafe { slice(array, length) });
-        call!(MatDenseRestoreArrayRead(self.raw, &mut array))?;
-        Ok(result)
-    }
-
-    /// Reads and writes a dense matrix: this rank's rows of every column, column by column.
-    /// Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where the matrix is not dense.
-    pub fn with_columns_mut<T>(&mut self, write: impl FnOnce(&mut [f64]) -> T) -> Result<T> {
-        let length = self.dense_length()?;
-        let mut array = get!(MatDenseGetArray(self.raw))?;
-        // SAFETY: PETSc's array has this length, and the exclusive borrow prevents aliases.
-        let result = write(unsafe { slice_mut(array, length) });
-        call!(MatDenseRestoreArray(self.raw, &mut array))?;
-        Ok(result)
-    }
-
-    /// Returns the number of local entries of a dense matrix, whose columns must be contiguous.
-    fn dense_length(&self) -> Result<usize> {
-        let stride = get!(MatDenseGetLDA(self.raw))?;
-        let (rows, columns) = (self.local_size()[0], self.size()[1]);
-        if rows > 0 && stride as usize != rows {
-            return Err(Error::Petsc(format!("a dense matrix of {rows} rows with columns {stride} apart")));
-        }
-        Ok(rows * columns)
     }
 
     /// Prints the matrix. Collective.

@@ -249,12 +249,16 @@ impl Condensed {
         sides.extend(codes.iter().map(|code| BoundStatus::from_code(*code as u8)));
         // Dofs in contact in the last step mostly stay so, and the dense problem is solved from
         // there at once.
-        let inside = !touching(sides) && {
+        let mut inside = [!touching(sides) && {
             values.copy_from_slice(h);
             factor.solve_schur(values);
             values.iter().zip(lower.iter().zip(upper.iter())).all(|(x, (l, u))| (l..=u).contains(&x))
-        };
-        let iterations = if inside {
+        }];
+        // Laws are gathered below, by all ranks or by none.
+        if self.is_led || !bounds.laws.are_rigid() {
+            engine.comm().broadcast(&mut inside);
+        }
+        let iterations = if inside[0] {
             // The unconstrained minimiser is admissible and hence the answer.
             sides.fill(BoundStatus::Free);
             0

@@ -117,25 +117,6 @@ fn cholesky(arguments: &[String]) -> Result<()> {
     assert!(solver.reason()?.converged());
     assert_eq!(solver.iterations()?, 1);
 
-    let columns = [0, 17, 59];
-    let (mut unit, mut answer) =
-        (Matrix::dense(&context, Comm::World, local, 3)?, Matrix::dense(&context, Comm::World, local, 3)?);
-    unit.with_columns_mut(|values| {
-        for (c, &j) in columns.iter().enumerate() {
-            if range.contains(&j) {
-                values[c * local + (j - range.start) as usize] = 1.0;
-            }
-        }
-    })?;
-    solver.solve_columns(&unit, &mut answer)?;
-    answer.with_columns(|values| {
-        for (c, &j) in columns.iter().enumerate() {
-            for (k, i) in range.clone().enumerate() {
-                close(values[c * local + k], inverse(i as usize, j as usize), 1e-12);
-            }
-        }
-    })?;
-
     // A factor is kept, then renewed.
     a.scale(2.0)?;
     let before = x.norm()?;

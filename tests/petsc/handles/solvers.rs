@@ -3,14 +3,13 @@
 use super::close;
 use super::matrices::string;
 use crate::common::ranks::{Case, case};
-use rebond::petsc::{Comm, Context, INFINITY, Ksp, Matrix, Snes, Tao, Vector};
+use rebond::petsc::{Comm, Context, INFINITY, Matrix, Snes, Tao, Vector};
 use rebond::{Error, Result};
 use std::cell::RefCell;
 use std::rc::Rc;
 
 pub const CASES: &[Case] = &[
     case("snes_solves_the_obstacle_problem", &[1, 2, 4], snes_solves_the_obstacle_problem),
-    case("every_column_is_judged", &[1, 2], every_column_is_judged),
     case("tao_solves_the_obstacle_problem", &[1, 2, 4], tao_solves_the_obstacle_problem),
     case("refused_calls_say_why", &[1, 2], refused_calls_say_why),
     case("callbacks_fail_cleanly", &[1], callbacks_fail_cleanly),
@@ -98,24 +97,6 @@ fn snes_solves_the_obstacle_problem(arguments: &[String]) -> Result<()> {
     solver.solve(&mut x)?;
     let reason = solver.reason()?;
     assert_eq!((reason.converged(), reason.text.as_str()), (false, "DIVERGED_MAX_IT"));
-    Ok(())
-}
-
-/// The iteration for the first of two columns does not converge, and that for the last one has
-/// nothing to do.
-fn every_column_is_judged(_: &[String]) -> Result<()> {
-    let context = Context::start(&["-pc_type".into(), "jacobi".into(), "-ksp_max_it".into(), "1".into()])?;
-    let matrix = obstacle(&context)?.matrix;
-    let rows = matrix.local_size()[0];
-    let mut right = Matrix::dense(&context, Comm::World, rows, 2)?;
-    right.with_columns_mut(|values| values[..rows].fill(1.0))?;
-    let mut solution = Matrix::dense(&context, Comm::World, rows, 2)?;
-    let mut solver = Ksp::new(&context, Comm::World, "")?;
-    solver.default_to_cholesky()?;
-    solver.set_operator(&matrix)?;
-    solver.set_from_options()?;
-    let error = solver.solve_columns(&right, &mut solution).unwrap_err().to_string();
-    assert!(error.contains("(-ksp_type cg -pc_type jacobi) gave up after 1 iteration"), "{error}");
     Ok(())
 }
 
