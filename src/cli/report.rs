@@ -84,7 +84,7 @@ pub(super) fn report(scene: &Scene, outcome: &Outcome, folder: &Path) -> Report 
     {
         report.text(
             "quicker",
-            format!("mpirun -n {ranks} rebond run: {} s of {} s", two_digits(seconds), two_digits(total)),
+            format!("mpirun -n {ranks} rebond run: {seconds:.0} s in place of {total:.0} s"),
         );
     }
     report.text("written to", format!("{}", folder.display()));

@@ -12,7 +12,7 @@ use crate::assembly::{self, CellArrays};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Made, Mesh, Point};
-use crate::output::text::{Report, significant, two_digits};
+use crate::output::text::{Report, significant};
 use crate::scene::{FieldInput, Mass, Scene};
 use crate::scheme::exact::expected_candidates;
 use crate::scheme::{self, System};
@@ -455,7 +455,7 @@ impl fmt::Display for Check {
         report.count("steps", self.steps, "");
         report.number("expected time", self.expected_seconds, "s");
         if let Some(QuickestRanks { ranks, seconds }) = self.quickest {
-            report.text("quickest", format!("mpirun -n {ranks} rebond run: {} s", two_digits(seconds)));
+            report.text("quickest", format!("mpirun -n {ranks} rebond run: about {seconds:.0} s"));
         }
         closing(&mut report, &self.warnings);
         report.fmt(f)
