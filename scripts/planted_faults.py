@@ -70,9 +70,6 @@ FAULTS = [
     ("reactions of the wrong sign", "src/vi/condensed.rs", "(reaction[i], self.sides[i]) = (forces[entry], sides[entry]);",
      "(reaction[i], self.sides[i]) = ({if} { -1.0 } else { 1.0 } * forces[entry], sides[entry]);",
      "solvers", "ten_thousand_small_problems"),
-    ("interface with the shares of other ranks", "src/distributed/substructure.rs",
-     "entries[diagonal] -= self.others[column];",
-     "entries[diagonal] -= {if} { 0.0 } else { self.others[column] };", "petsc", "the_plate_is_the_native_one"),
     ("contact that never opens", "src/vi/active_set.rs",
      "BoundStatus::Lower if reaction[i] < -rounding && lower[i] < upper[i] => BoundStatus::Free,",
      "BoundStatus::Lower if reaction[i] < -rounding && !{planted} && lower[i] < upper[i] => "
