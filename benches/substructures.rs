@@ -48,9 +48,9 @@ fn nodes([columns, rows]: &[Range<usize>; 2], across: usize) -> impl Iterator<It
 
 /// Returns the size of the factor of the interface, whose nodes couple within each rank.
 fn factor_of_interface(interface: &[BTreeSet<usize>]) -> Result<FactorSize, Error> {
-    let all: BTreeSet<usize> = interface.iter().flatten().copied().collect();
+    let shared: BTreeSet<usize> = interface.iter().flatten().copied().collect();
     let number: BTreeMap<usize, usize> =
-        all.iter().enumerate().map(|(number, node)| (*node, number)).collect();
+        shared.iter().enumerate().map(|(number, node)| (*node, number)).collect();
     let block = |nodes: &BTreeSet<usize>| ElementMatrix {
         dofs: nodes.iter().map(|node| Some(number[node])).collect(),
         matrix: vec![1.0; nodes.len() * nodes.len()].into(),
@@ -60,7 +60,7 @@ fn factor_of_interface(interface: &[BTreeSet<usize>]) -> Result<FactorSize, Erro
     let engine = Native::new(number.len());
     let form = engine.form(interface.iter().map(block).collect());
     let size = engine.factor_size(&(&form).into(), &[])?;
-    // The pattern has a row per node, the matrix one per dof.
+    // The engine counts one dof per node; each node of the plate has three.
     let [factor, solve] = size.multiplications;
     let multiplications = [PER_NODE.pow(3) as u64 * factor, PER_NODE.pow(2) as u64 * solve];
     let entries = PER_NODE.pow(2) * size.entries;

@@ -6,8 +6,8 @@ use std::cell::RefCell;
 
 /// Dofs of this rank's cells, their owners, and the neighbours with which they are shared.
 ///
-/// A *local* vector holds all dofs of a rank's cells, in m or N; constrained ones are zero. A rank
-/// *owns* a range of the free dofs of all ranks, and each free dof has one owner.
+/// A *local* vector has an entry for each dof of a rank's cells, and zeros at constrained dofs.
+/// Each free dof has one rank as its owner, and each rank owns a range of the free dofs.
 pub(super) struct DofExchange {
     comm: WorldComm,
     /// Local dof of each dof that this rank owns.
@@ -94,7 +94,7 @@ impl DofExchange {
     }
 
     /// Adds up local vectors of all ranks at the dofs that this rank owns: its own values first,
-    /// then those of its neighbours in the order of their ranks. Collective among neighbours.
+    /// then its neighbours' values in the order of their ranks. Collective among neighbours.
     pub fn add_up<const N: usize>(&self, local: [&[f64]; N], sums: [&mut [f64]; N]) {
         let messages = &mut *self.messages.borrow_mut();
         for (neighbour, sent) in self.neighbours.iter().zip(&mut messages.sent) {

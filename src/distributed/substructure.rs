@@ -41,7 +41,7 @@ pub struct SubstructuredFactor {
     interface: Cholesky,
     /// Places of the contact dofs of all ranks in the interface.
     contact: Vec<usize>,
-    /// Pinned dofs that this rank owns, and the places in the interface of those of all ranks.
+    /// Pinned dofs that this rank owns, and the places of all pinned dofs in the interface.
     pinned: Vec<usize>,
     pinned_places: Vec<usize>,
     /// Values at this rank's free dofs, at its kept dofs, and at the interface.

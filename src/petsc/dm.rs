@@ -104,8 +104,8 @@ impl Plex {
         Ok(Self::owning(get!(DMPlexInterpolate(bare.raw))?, context))
     }
 
-    /// Returns the mesh with each cell on a rank of its own: `ranks` has the rank of each cell of
-    /// this one, unless `-petscpartitioner_type` names a partitioner. Collective.
+    /// Returns the mesh distributed without overlap: `ranks` has the rank of each cell, unless
+    /// `-petscpartitioner_type` names a partitioner. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.

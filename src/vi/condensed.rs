@@ -405,7 +405,7 @@ impl<E: Engine> Solver<E> for Condensed {
     }
 }
 
-/// Returns the place of this rank's first candidate among those of all ranks. Collective.
+/// Returns the place of this rank's first candidate among all candidates. Collective.
 fn place(comm: &impl Communicator, candidates: &[usize]) -> usize {
     comm.all_gather_one(candidates.len())[..comm.rank()].iter().sum()
 }

@@ -233,7 +233,7 @@ impl KktCheck {
         {
             return Ok(None);
         }
-        // Smaller scales, those of this rank alone, keep this an upper limit.
+        // The scales of this rank alone are smaller, which keeps this an upper limit.
         let is_alone = engine.comm().size() == 1;
         let length = if is_alone { self.length(engine, problem, answer) } else { problem.length };
         let size = largest_product(&self.scale, x);
