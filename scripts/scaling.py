@@ -1,23 +1,19 @@
 #!/usr/bin/env python3
-"""Measures how steps on several ranks compare with those of one native process, and draws it.
+"""Measures how steps on several ranks compare with those of one native process on the same mesh.
 
-The paper's plate, bent by 14600 Pa, is pushed down by 1e5 Pa onto an obstacle just under its tip
-(singular mass, 1e-4 s). Each row is the difference between a run of 30 steps and one of 10, so that
-it has steps alone: in most of them the free edge is in contact. With --free the obstacle is out of
-reach. Of several rounds the one with the median time counts; set-up and step are also given relative
-to the native engine on the same mesh. Messages and bytes are those of the rank that sends most. Open
-MPI's monitoring counts them below MPI, with those of MUMPS and of collectives, but for persistent
-messages, PETSc's exchanges, which PETSc's log counts.
+The paper's plate, bent by 14600 Pa, is pushed down by 2e4 Pa (singular mass, 1e-4 s): free, with the
+obstacle out of reach, or onto an obstacle just under its tip, on which its free edge comes to lie. A row is the difference between two runs of unlike length, so that it has steps alone. Engines take
+turns in every round, and the median of each counts, since a machine's speed changes with time. Messages and
+bytes are those of the rank that sends most. Open MPI's monitoring counts them below MPI, with those of MUMPS
+and of collectives, but for persistent messages, PETSc's exchanges, which PETSc's log counts.
 
-strong: one mesh on more ranks. weak: as many cells per rank on more ranks.
-
-Usage: scripts/scaling.py [--ranks 1,2,4] [--cells 160,64] [--element fvs] [--linear direct,multigrid]
-                          [--kinds strong,weak] [--free] [--rounds 3] [--draw FILE.svg]
+Usage: scripts/scaling.py [--cells 80x32,320x128] [--elements fvs,hct] [--pushes free,contact]
+                          [--ranks 1,2] [--linear direct] [--rounds 3]
 """
 
 import argparse
+import itertools
 import json
-import math
 import os
 import subprocess
 import sys
@@ -25,20 +21,20 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-COUNTS = (10, 30)
+OBSTACLES = {"free": -5, "contact": -0.2085}  # its height, m
 SCENE = """
 plate = {{ length = 1.2, width = 0.4, thickness = 0.01, youngs_modulus = 210e9, poissons_ratio = 0.3, density = 7770 }}
 mesh = {{ element = "{element}", cells = [{cells[0]}, {cells[1]}] }}
 support = [{{ edge = "left", kind = "clamped" }}]
 obstacle = [{{ side = "below", height = {obstacle} }}]
 initial = {{ static_pressure = -14600 }}
-load = {{ pressure = -1e5 }}
+load = {{ pressure = -2e4 }}
 time = {{ scheme = "newmark", mass = "singular", step = 1e-4, end = {end} }}
 output = {{ every = 1000 }}
 solver = {{ {solver} }}
 """
-HEAD = f"{'':8}{'cells':>10}{'ranks':>7}{'dofs':>9}{'set-up s':>10}{'ratio':>7}{'ms/step':>9}{'ratio':>7}{'its':>6}"
-HEAD += f"{'messages':>10}{'kB':>9}{'imbal.':>8}{'MiB':>7}{'contact':>9}"
+HEAD = f"{'':4}{'cells':>10}{'push':>9}{'ranks':>8}{'dofs':>9}{'set-up s':>10}{'ratio':>7}{'ms/step':>10}{'ratio':>7}"
+HEAD += f"{'its':>6}{'messages':>10}{'kB':>9}{'imbal.':>8}{'MiB':>7}{'touch':>11}"
 
 
 def run(folder, case, ranks, steps):
@@ -81,16 +77,11 @@ def sent(file):
     return messages, size
 
 
-def measure(folder, case, ranks, rounds):
-    """Returns the figures of one step: those of the round with the median time."""
-    of_rounds = sorted((measure_once(folder, case, ranks) for _ in range(rounds)), key=lambda row: row["step"])
-    return of_rounds[rounds // 2]
-
-
-def measure_once(folder, case, ranks):
-    """Returns the figures of one step of one round."""
-    short, long = (run(folder, case, ranks, steps) for steps in COUNTS)
-    steps = COUNTS[1] - COUNTS[0]
+def measure(folder, case, ranks):
+    """Returns the figures of one step."""
+    counts = (10, 30 + 2_000_000 // (case["cells"][0] * case["cells"][1]) // 4)
+    short, long = (run(folder, case, ranks, steps) for steps in counts)
+    steps = counts[1] - counts[0]
     per_step = lambda of: (of(long) - of(short)) / steps
     setup = [long["seconds"][of] for of in ("assembly", "equilibrium", "factor")]
     return {
@@ -102,91 +93,57 @@ def measure_once(folder, case, ranks):
         "bytes": per_step(lambda run: run["bytes"]),
         "imbalance": long["imbalance"] if ranks else 1,
         "peak": long["peak"],
-        "contact": long["contact_steps"] - short["contact_steps"],
+        "contact": f"{long['contact_steps'] - short['contact_steps']}/{steps}",
     }
 
 
-def print_row(kind, case, ranks, row, native):
+def print_row(case, ranks, row, native):
     """Prints the figures of one step, beside those of the native engine."""
     cells = "{}x{}".format(*case["cells"])
     iterations = "-" if row["iterations"] is None else f"{row['iterations']:.1f}"
     setup, step = (row[of] / native[of] for of in ("setup", "step"))
     print(
-        f"{kind:8}{cells:>10}{ranks or 'native':>7}{row['dofs']:9d}{row['setup']:10.2f}{setup:7.2f}"
-        f"{1e3 * row['step']:9.3f}{step:7.2f}{iterations:>6}{row['messages']:10.0f}{row['bytes'] / 1e3:9.1f}"
-        f"{row['imbalance']:8.3f}{row['peak']:7.0f}{row['contact']:>6}/{COUNTS[1] - COUNTS[0]}",
+        f"{case['element']:4}{cells:>10}{case['push']:>9}{ranks or 'native':>8}{row['dofs']:9d}{row['setup']:10.2f}"
+        f"{setup:7.2f}{1e3 * row['step']:10.3f}{step:7.2f}{iterations:>6}{row['messages']:10.0f}"
+        f"{row['bytes'] / 1e3:9.1f}{row['imbalance']:8.3f}{row['peak']:7.0f}{row['contact']:>11}",
         flush=True,
     )
 
 
-def draw(results, file):
-    """Draws the time of a step over the ranks: solid with one core per rank, dotted beyond."""
-    from matplotlib import pyplot, rcParams, ticker
-
-    rcParams["svg.hashsalt"] = "scaling"
-
-    figure, axes = pyplot.subplots(1, 2, figsize=(7.2, 3.0), constrained_layout=True)
-    cores = os.cpu_count()
-    for axis, kind in zip(axes, ("strong", "weak")):
-        for (linear, color), mark in zip((("direct", "#1f4e79"), ("multigrid", "#c55a11")), "os"):
-            points = sorted((ranks, 1e3 * row["step"]) for (what, of, ranks), row in results.items() if (what, of) == (kind, linear))
-            if not points:
-                continue
-            within = [point for point in points if point[0] <= cores]
-            axis.plot(*zip(*points), ":", color=color, lw=1)
-            axis.plot(*zip(*within), "-", marker=mark, color=color, label=linear, ms=4)
-            axis.plot(*zip(*points), mark, mfc="white", color=color, ms=4, zorder=1)
-            ideal = [points[0][1] / (ranks if kind == "strong" else 1) for ranks, _ in points]
-            axis.plot([ranks for ranks, _ in points], ideal, "--", color="#888888", lw=0.8)
-        axis.set(xscale="log", yscale="log", xlabel="ranks", ylabel="ms per step", title=f"{kind} scaling")
-        ranks = sorted({ranks for _, _, ranks in results})
-        axis.set_xticks(ranks, [str(count) for count in ranks])
-        axis.yaxis.set_major_locator(ticker.LogLocator(subs=(1, 2, 5)))
-        axis.yaxis.set_major_formatter(ticker.StrMethodFormatter("{x:g}"))
-        axis.minorticks_off()
-        axis.legend(frameon=False, fontsize=8)
-    figure.savefig(file, metadata={"Date": None})
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--ranks", default="1,2,4")
-    parser.add_argument("--cells", default="160,64")
-    parser.add_argument("--element", default="fvs", choices=["fvs", "hct"])
-    parser.add_argument("--linear", default="direct,multigrid")
-    parser.add_argument("--kinds", default="strong,weak")
-    parser.add_argument("--free", action="store_true")
+    listed = lambda text: text.split(",")
+    parser.add_argument("--cells", type=listed, default=["80x32", "320x128"])
+    parser.add_argument("--elements", type=listed, default=["fvs", "hct"])
+    parser.add_argument("--pushes", type=listed, default=["free", "contact"])
+    parser.add_argument("--ranks", type=listed, default=["1", "2"])
+    parser.add_argument("--linear", type=listed, default=["direct"])
     parser.add_argument("--rounds", type=int, default=3)
-    parser.add_argument("--draw", metavar="FILE.svg")
     options = parser.parse_args()
-    if options.draw:
-        import matplotlib  # a lack of it shows before the measurement
-
-        matplotlib.use("svg")
-    ranks = [int(count) for count in options.ranks.split(",")]
-    cells = [int(count) for count in options.cells.split(",")]
 
     subprocess.check_call(["cargo", "build", "--release", "--locked", "--quiet"], cwd=ROOT)
-    results, native = {}, {}
     with tempfile.TemporaryDirectory() as folder:
-        for linear in options.linear.split(","):
-            print(f"{linear}\n{HEAD}")
-            for kind in options.kinds.split(","):
-                for count in ranks:
-                    # Multiples of 8 can be halved by multigrid.
-                    growth = math.sqrt(count / ranks[0]) if kind == "weak" else 1
-                    of_case = tuple(8 * round(growth * side / 8) for side in cells)
-                    obstacle = -5 if options.free else -0.2085
-                    case = {"cells": of_case, "element": options.element, "obstacle": obstacle}
-                    if of_case not in native:
-                        alone = case | {"solver": 'engine = "native"'}
-                        native[of_case] = measure(Path(folder), alone, 0, options.rounds)
-                        print_row(kind, case, 0, native[of_case], native[of_case])
-                    case["solver"] = f'engine = "petsc", linear = "{linear}"'
-                    results[kind, linear, count] = measure(Path(folder), case, count, options.rounds)
-                    print_row(kind, case, count, results[kind, linear, count], native[of_case])
-    if options.draw:
-        draw(results, options.draw)
+        for linear, cells, element, push in itertools.product(
+            options.linear, options.cells, options.elements, options.pushes
+        ):
+            sides = tuple(int(count) for count in cells.split("x"))
+            case = {"cells": sides, "element": element, "push": push, "obstacle": OBSTACLES[push]}
+            engines = {0: 'engine = "native"'}
+            engines |= {int(count): f'engine = "petsc", linear = "{linear}"' for count in options.ranks}
+            rounds = [
+                {ranks: measure(Path(folder), case | {"solver": solver}, ranks) for ranks, solver in engines.items()}
+                for _ in range(options.rounds)
+            ]
+            if (cells, element, push) == (options.cells[0], options.elements[0], options.pushes[0]):
+                print(f"{linear}\n{HEAD}")
+            medians = {ranks: median([of[ranks] for of in rounds]) for ranks in engines}
+            for ranks, row in medians.items():
+                print_row(case, ranks, row, medians[0])
+
+
+def median(rows):
+    """Returns the median of each figure, by itself, of the rounds of an engine."""
+    return {of: sorted((row[of] for row in rows), key=lambda x: (x is None, x))[len(rows) // 2] for of in rows[0]}
 
 
 main()
