@@ -215,6 +215,11 @@ impl fmt::Display for Table {
 
 /// Formats five significant digits without trailing zeros, with an exponent outside 0.001 to 1e6.
 pub fn significant(value: f64) -> String {
+    significant_digits(value, 5)
+}
+
+/// Formats some significant digits as [`significant`] formats five.
+fn significant_digits(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".into(); // which -0.0 is too
     }
@@ -223,12 +228,52 @@ pub fn significant(value: f64) -> String {
     }
     let magnitude = value.abs().log10().floor();
     if !(-3.0..6.0).contains(&magnitude) {
-        let digits = format!("{value:.4e}");
+        let digits = format!("{value:.*e}", digits - 1);
         let (mantissa, exponent) = digits.split_once('e').unwrap_or((&digits, "0"));
         return format!("{}e{exponent}", without_idle_zeros(mantissa));
     }
-    let decimals = (4.0 - magnitude).max(0.0) as usize;
+    let decimals = (digits as f64 - 1.0 - magnitude).max(0.0) as usize;
     without_idle_zeros(&format!("{value:.decimals$}")).to_owned()
+}
+
+/// Formats a number in SI units with four significant digits and the prefix of the unit that leaves
+/// one to three digits before the point.
+///
+/// ```
+/// use rebond::output::text::engineering;
+///
+/// assert_eq!(engineering(-0.2085, "m"), "-208.5 mm");
+/// assert_eq!(engineering(20.169e6, "Pa"), "20.17 MPa");
+/// assert_eq!(engineering(0.0, "N s"), "0 N s");
+/// ```
+pub fn engineering(value: f64, unit: &str) -> String {
+    let (scale, prefix) = prefix(value);
+    format!("{} {prefix}{unit}", significant_digits(value / scale, 4))
+}
+
+/// Formats the coordinates of a point, given in m, with four digits of the larger one.
+pub fn place(point: [f64; 2]) -> String {
+    let largest = point[0].abs().max(point[1].abs());
+    let (scale, prefix) = prefix(largest);
+    let decimals = (3.0 - (largest / scale).log10().floor()).clamp(0.0, 3.0) as usize;
+    let [x, y] = point.map(|x| {
+        let digits = format!("{:.decimals$}", x / scale);
+        let digits = without_idle_zeros(&digits);
+        if digits == "-0" { "0".to_owned() } else { digits.to_owned() }
+    });
+    format!("({x}, {y}) {prefix}m")
+}
+
+/// Returns the power of 1000 that leaves one to three digits of a value before the point, after
+/// rounding to four digits, and its prefix.
+pub fn prefix(value: f64) -> (f64, &'static str) {
+    const PREFIXES: [&str; 9] = ["p", "n", "u", "m", "", "k", "M", "G", "T"];
+    if value == 0.0 || !value.is_finite() {
+        return (1.0, "");
+    }
+    // 0.99995 and more round up to 1.
+    let power = ((value.abs() / 0.99995).log10() / 3.0).floor().clamp(-4.0, 4.0);
+    (1000_f64.powf(power), PREFIXES[(power + 4.0) as usize])
 }
 
 /// Formats two digits as [`significant`] formats five.

@@ -1,5 +1,6 @@
 //! Checks that need several tables of a scene, once all of them are read.
 
+use super::damping::ModalRatios;
 use super::document::{Document, quote};
 use super::{
     ContactSolver, EngineName, FORCE_COLUMNS, Initial, LinearSolver, Mass, Massless, Obstacle, Probe,
@@ -255,11 +256,16 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         let wrong = format!("0.25 lets the massless {part} oscillate more and more");
         return Err(doc.fault("time.beta", format!("{wrong}; expected more than 0.25, such as 0.5")));
     }
+    if matches!(damping.map(|damping| &damping.modal), Some(ModalRatios::All(_))) && !is_modal {
+        let wrong = "one ratio for all modes needs modes that carry the inertia";
+        let others = "an array of the ratios of the lowest modes, or time.mass = \"modal\"";
+        return Err(doc.fault("damping.modal", format!("{wrong}; expected {others}")));
+    }
     // Each mode with inertia has its own damping.
     if !(able.takes_any_damping || is_modal) {
         for (key, is_on) in [
             ("damping.stiffness", damping.is_some_and(|damping| damping.stiffness > 0.0)),
-            ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_empty())),
+            ("damping.modal", damping.is_some_and(|damping| !damping.modal.is_none())),
         ] {
             if is_on {
                 let others = "damping.mass alone, or time.scheme = \"newmark\" or \"midpoint\"";

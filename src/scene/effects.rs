@@ -33,13 +33,14 @@ impl Scene {
         add(self.motions().next().is_some(), "moving supports");
         if let Some(load) = &self.load {
             add(load.gravity != 0.0, "gravity");
+            add(!load.base_acceleration.is_zero(), "accelerated base");
             add(load.fields().any(|given| !given.is_zero() && !given.changes()), "constant load");
             add(load.fields().any(FieldInput::changes), "load in time");
         }
         if let Some(damping) = &self.damping {
             add(damping.mass != 0.0, "damping by mass");
             add(damping.stiffness != 0.0, "damping by stiffness");
-            add(!damping.modal.is_empty(), "modal damping");
+            add(!damping.modal.is_none(), "modal damping");
         }
         let Initial { static_pressure, equilibrium, deflection, velocity, from } = &self.initial;
         add(*equilibrium || !static_pressure.is_zero(), "initial static deflection");
@@ -58,6 +59,17 @@ impl Scene {
     /// Returns whether contact is possible: with obstacles or balls.
     pub fn has_contact(&self) -> bool {
         !self.obstacles.is_empty() || !self.attachments.balls.is_empty()
+    }
+
+    /// Returns whether the scene itself takes energy out of the motion: by damping, dashpots or
+    /// friction.
+    pub fn dissipates(&self) -> bool {
+        let is_damped = |damping: &super::Damping| {
+            damping.mass != 0.0 || damping.stiffness != 0.0 || !damping.modal.is_none()
+        };
+        self.damping.as_ref().is_some_and(is_damped)
+            || self.stop_damping().is_some()
+            || !self.sliders.is_empty()
     }
 
     /// Returns whether a ball touches the plate without a stiffness of its own.
@@ -96,9 +108,7 @@ impl Scene {
     /// Returns the scene with all times counted from an instant (s) of this one.
     pub fn from_time(&self, start: f64) -> Scene {
         let mut later = self.clone();
-        let loads = later.load.iter_mut().flat_map(|load| {
-            std::iter::once(&mut load.pressure).chain(load.forces.iter_mut().map(|force| &mut force.value))
-        });
+        let loads = later.load.iter_mut().flat_map(Load::fields_mut);
         let heights = later.obstacles.iter_mut().map(|obstacle| &mut obstacle.height);
         let motions = later.supports.iter_mut().filter_map(|support| support.motion.as_mut());
         let changing = loads.chain(heights).chain(motions).filter(|given| given.changes());

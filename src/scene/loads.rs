@@ -1,4 +1,4 @@
-//! Table `[load]`: pressure, gravity and point forces.
+//! Table `[load]`: pressure, gravity, acceleration of the base, and point forces.
 
 use super::document::Document;
 use super::entry::{table, tables};
@@ -18,6 +18,10 @@ table! {
         /// Gravitational acceleration; it acts downwards on the plate, on the masses on it, and on
         /// balls.
         gravity: f64 = number("an acceleration", "m/s2, downward").or(0.0);
+        /// Acceleration of the frame that carries supports and obstacles, a field of t; everything
+        /// that has mass feels its inertia, and all results are relative to the frame.
+        base_acceleration: FieldInput = number("an acceleration", "m/s2").field(Names::T)
+            .says("m/s2, upward, of the frame of supports and obstacles").or_silent(FieldInput::new(BASE, 0.0));
         /// Point forces.
         forces: Vec<Force> = tables("force", "at and value");
     }
@@ -36,18 +40,35 @@ table! {
     }
 }
 
+/// Key of the acceleration of the base.
+const BASE: &str = "load.base_acceleration";
+
 /// Returns a pressure of 0, beside another load.
 fn no_pressure(doc: &Document) -> Result<FieldInput> {
     let key = "load.pressure";
-    if doc.get("load.gravity").is_none() && doc.entries("load.force", "")? == 0 {
+    if doc.get("load.gravity").is_none() && doc.get(BASE).is_none() && doc.entries("load.force", "")? == 0 {
         return Err(doc.missing(key, "expected a pressure in Pa"));
     }
     Ok(FieldInput::new(key, 0.0))
 }
 
 impl Load {
+    /// Creates a load of pressure alone.
+    pub fn of_pressure(pressure: FieldInput) -> Load {
+        let base_acceleration = FieldInput::new(BASE, 0.0);
+        Load { pressure, gravity: 0.0, base_acceleration, forces: Vec::new() }
+    }
+
     /// Returns all fields of the load.
     pub fn fields(&self) -> impl Iterator<Item = &FieldInput> {
-        std::iter::once(&self.pressure).chain(self.forces.iter().map(|force| &force.value))
+        [&self.pressure, &self.base_acceleration]
+            .into_iter()
+            .chain(self.forces.iter().map(|force| &force.value))
+    }
+
+    /// Returns all fields of the load, to be changed.
+    pub(super) fn fields_mut(&mut self) -> impl Iterator<Item = &mut FieldInput> {
+        let forces = self.forces.iter_mut().map(|force| &mut force.value);
+        [&mut self.pressure, &mut self.base_acceleration].into_iter().chain(forces)
     }
 }

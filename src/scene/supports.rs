@@ -5,7 +5,7 @@ use super::column::column;
 use super::document::{Document, join};
 use super::entry::{Kind, table, via};
 use super::given::FieldInput;
-use super::kinds::{condition, name, not_negative, number, word};
+use super::kinds::{condition, name, not_negative, number, positive, word};
 use super::place::{coordinates, point_name};
 use super::words::Choice;
 use crate::error::Result;
@@ -60,10 +60,10 @@ pub enum SupportLocation {
         /// Condition that selects a part of the edge.
         part: Option<Condition>,
     },
-    /// Node at these coordinates, in m.
-    At([f64; 2]),
-    /// Nodes of a physical group.
-    Point(String),
+    /// Node at these coordinates, in m, and all nodes up to a radius (m) around it.
+    At([f64; 2], Option<f64>),
+    /// Nodes of a physical group, and all nodes up to a radius (m) around them.
+    Point(String, Option<f64>),
 }
 
 /// Refuses the motion of a support that leaves the plate free; a motion of 0 is none.
@@ -91,6 +91,9 @@ table! {
         at: Option<[f64; 2]> = coordinates().optional();
         /// Physical point of `mesh.file`.
         point: Option<String> = point_name().optional();
+        /// With `at` or `point`: radius of a washer, within which all nodes are held; by default
+        /// the point alone.
+        radius: Option<f64> = positive("a radius", "m").says("m, of a washer").optional();
     } one_of {edge} {at} {point}
 }
 
@@ -114,13 +117,15 @@ fn location(keys: LocationKeys, doc: &Document, table: &str) -> Result<SupportLo
         let wrong = format!("contradicts {table}.{second}; expected only one of edge, at, point");
         return Err(doc.fault(&key(first), wrong));
     }
-    let LocationKeys { edge, part, at: node, point } = keys;
+    let LocationKeys { edge, part, at: node, point, radius } = keys;
     if edge.is_none() {
         doc.forbid(&key("where"), "has no use without edge, of which it takes a part")?;
     }
-    match node.map(SupportLocation::At).or(point.map(SupportLocation::Point)) {
-        Some(place) => Ok(place),
-        None => {
+    match (node, point) {
+        (Some(node), _) => Ok(SupportLocation::At(node, radius)),
+        (_, Some(point)) => Ok(SupportLocation::Point(point, radius)),
+        (None, None) => {
+            doc.forbid(&key("radius"), "has no use without at or point, around which it holds the plate")?;
             let edge = edge.map_or_else(|| (self::edge().read)(doc, &key("edge")), Ok)?;
             Ok(SupportLocation::Edge { edge, part })
         }
@@ -128,11 +133,11 @@ fn location(keys: LocationKeys, doc: &Document, table: &str) -> Result<SupportLo
 }
 
 fn location_keys(stand: &SupportLocation) -> LocationKeys {
-    let mut keys = LocationKeys { edge: None, part: None, at: None, point: None };
+    let mut keys = LocationKeys { edge: None, part: None, at: None, point: None, radius: None };
     match stand.clone() {
         SupportLocation::Edge { edge, part } => (keys.edge, keys.part) = (Some(edge), part),
-        SupportLocation::At(node) => keys.at = Some(node),
-        SupportLocation::Point(name) => keys.point = Some(name),
+        SupportLocation::At(node, radius) => (keys.at, keys.radius) = (Some(node), radius),
+        SupportLocation::Point(name, radius) => (keys.point, keys.radius) = (Some(name), radius),
     }
     keys
 }

@@ -116,7 +116,7 @@ pub(super) fn marks(scene: &Scene) -> Vec<(String, Mark)> {
         }
     });
     let supports = scene.supports.iter().enumerate().filter_map(|(number, support)| match support.stand {
-        SupportLocation::At(point) => Some((format!("support.{number}.at"), Mark::At(point.into()))),
+        SupportLocation::At(point, _) => Some((format!("support.{number}.at"), Mark::At(point.into()))),
         _ => None,
     });
     obstacles.chain(supports).collect()

@@ -37,14 +37,30 @@ pub(super) fn supports(
                 })?;
                 Place::Edges(chosen)
             }
-            SupportLocation::At(point) => Place::Nodes(nodes_at(mesh, *point, comm, &key)?),
-            SupportLocation::Point(name) => {
-                Place::Nodes(named(&mesh.points, "point", name, comm, &key)?.to_vec())
+            SupportLocation::At(point, radius) => {
+                let nodes = nodes_at(mesh, *point, comm, &key)?;
+                Place::Nodes(within(mesh, nodes, *radius, comm))
+            }
+            SupportLocation::Point(name, radius) => {
+                let nodes = named(&mesh.points, "point", name, comm, &key)?.to_vec();
+                Place::Nodes(within(mesh, nodes, *radius, comm))
             }
         };
         supports.push((place, support.kind));
     }
     Ok(supports)
+}
+
+/// Returns the nodes of this process up to a radius (m) around some nodes of all processes; without
+/// a radius the nodes themselves. Collective.
+fn within(mesh: &Mesh, nodes: Vec<usize>, radius: Option<f64>, comm: &impl Communicator) -> Vec<usize> {
+    let Some(radius) = radius else { return nodes };
+    let places: Vec<[f64; 2]> = nodes.iter().map(|&node| mesh.nodes[node].into()).collect();
+    let centres = comm.all_gather(&places);
+    let is_near = |centre: &[f64; 2], node: usize| {
+        (mesh.nodes[node] - Point::from(*centre)).norm() <= (1.0 + NEAR) * radius
+    };
+    (0..mesh.nodes.len()).filter(|&node| centres.iter().any(|centre| is_near(centre, node))).collect()
 }
 
 /// Returns this process's members of a named list of the mesh; `what` is the word for its kind,

@@ -7,17 +7,21 @@
 //! point, which the mesh must resolve.
 
 use crate::geometry;
-use crate::mesh::{Mesh, Point};
+use crate::mesh::{self, Mesh, Point};
+use crate::output::text::engineering;
 use crate::plate::Sections;
-use crate::scene::{Mass, Region, Scene, SupportKind, SupportLocation};
+use crate::scene::{Mass, Region, Scene, Support, SupportKind, SupportLocation};
 use crate::simulation;
 use std::collections::HashMap;
+
+/// Number of nodes from which a mesh shows a washer.
+const WASHER: usize = 5;
 
 /// Returns the warnings of a scene.
 pub(super) fn warnings(scene: &Scene) -> Vec<String> {
     // An error here has been reported by what needs the mesh.
     let Ok(mesh) = simulation::mesh(scene) else { return Vec::new() };
-    let mut warnings = held_slopes(scene);
+    let mut warnings = held_slopes(scene, &mesh);
     warnings.extend(joints(&mesh));
     warnings.extend(stresses(scene, &mesh));
     warnings.extend(rebounds(scene, &mesh));
@@ -52,8 +56,8 @@ fn rebounds(scene: &Scene, mesh: &Mesh) -> Vec<String> {
         .collect()
 }
 
-/// Warns of supports that hold slopes at a point.
-fn held_slopes(scene: &Scene) -> Vec<String> {
+/// Warns of supports that hold slopes at a point, or at too few nodes for a washer.
+fn held_slopes(scene: &Scene, mesh: &Mesh) -> Vec<String> {
     let slopes = |kind| match kind {
         SupportKind::Clamped => Some("clamped"),
         SupportKind::Guided => Some("guided"),
@@ -61,15 +65,27 @@ fn held_slopes(scene: &Scene) -> Vec<String> {
     };
     let mut warnings = Vec::new();
     for (number, support) in scene.supports.iter().enumerate() {
-        let key = match support.stand {
-            SupportLocation::At(_) => "at",
-            SupportLocation::Point(_) => "point",
+        let (key, radius) = match support.stand {
+            SupportLocation::At(_, radius) => ("at", radius),
+            SupportLocation::Point(_, radius) => ("point", radius),
             SupportLocation::Edge { .. } => continue,
         };
-        if let Some(kind) = slopes(support.kind) {
+        if let Some(radius) = radius {
+            let is_held =
+                |node: &Point, centre: &Point| (node - centre).norm() <= (1.0 + mesh::NEAR) * radius;
+            let is_bare =
+                |centre: &Point| mesh.nodes.iter().filter(|node| is_held(node, centre)).count() < WASHER;
+            if places(support, mesh).iter().any(is_bare) {
+                warnings.push(format!(
+                    "support.{number}.radius: fewer than {WASHER} nodes lie within {} of the point, so that the mesh does not \
+                     show the washer: refine it",
+                    engineering(radius, "m")
+                ));
+            }
+        } else if let Some(kind) = slopes(support.kind) {
             warnings.push(format!(
                 "support.{number}.{key}: a point cannot hold a slope, so that a plate {kind} at a point has no limit under \
-                 refinement: hold it along the edge of a disc, or at several points with kind = \"simply_supported\""
+                 refinement: give the support the radius of its washer, or hold several points with kind = \"simply_supported\""
             ));
         }
     }
@@ -115,7 +131,7 @@ fn stresses(scene: &Scene, mesh: &Mesh) -> Vec<String> {
         let around: Vec<_> = mesh.cells_at(probe.at.into()).map(|cell| mesh.vertices(cell)).collect();
         let is_corner = |point: &Point| {
             around.iter().any(|corners| {
-                let near = crate::mesh::NEAR * geometry::longest_edge(corners);
+                let near = mesh::NEAR * geometry::longest_edge(corners);
                 corners.iter().any(|corner| (corner - point).norm() <= near)
             })
         };
@@ -131,17 +147,26 @@ fn stresses(scene: &Scene, mesh: &Mesh) -> Vec<String> {
     warnings
 }
 
+/// Returns the points at which a support holds the plate.
+fn places(support: &Support, mesh: &Mesh) -> Vec<Point> {
+    match &support.stand {
+        SupportLocation::At(place, _) => vec![Point::from(*place)],
+        SupportLocation::Point(name, _) => group(name, mesh),
+        SupportLocation::Edge { .. } => Vec::new(),
+    }
+}
+
+/// Returns the points of a physical group.
+fn group(name: &str, mesh: &Mesh) -> Vec<Point> {
+    mesh.points.get(name).into_iter().flatten().map(|&node| mesh.nodes[node]).collect()
+}
+
 /// Returns the points at which forces act on the plate, each with its table.
 fn points(scene: &Scene, mesh: &Mesh) -> Vec<(String, Point)> {
-    let group = |name: &String| mesh.points.get(name).into_iter().flatten().map(|&node| mesh.nodes[node]);
-    let supports = scene.supports.iter().map(|support| match &support.stand {
-        SupportLocation::At(place) => vec![Point::from(*place)],
-        SupportLocation::Point(name) => group(name).collect(),
-        SupportLocation::Edge { .. } => Vec::new(),
-    });
+    let supports = scene.supports.iter().map(|support| places(support, mesh));
     let obstacles = scene.obstacles.iter().map(|obstacle| match &obstacle.region {
         Region::At(place) => vec![Point::from(*place)],
-        Region::Point(name) => group(name).collect(),
+        Region::Point(name) => group(name, mesh),
         _ => Vec::new(),
     });
     let mut points = Vec::new();

@@ -57,7 +57,7 @@ fn at_rest(scene: &Scene) -> Option<Scene> {
     match (scene.initial.equilibrium, pressure.is_zero()) {
         (true, true) => {}
         (false, false) => {
-            still.load = Some(Load { pressure, gravity: 0.0, forces: Vec::new() });
+            still.load = Some(Load::of_pressure(pressure));
             still.initial.static_pressure = FieldInput::new("initial.static_pressure", 0.0);
             still.initial.equilibrium = true;
         }

@@ -51,6 +51,50 @@ fn gravity_is_a_pressure() {
     }
 }
 
+/// A stiff plate with a mass on it stands on springs whose base accelerates by a(t) = a sin(W t):
+/// relative to the base it moves by -a/(w^2 - W^2) (sin W t - W/w sin w t), with w^2 = k/m.
+#[test]
+fn a_base_accelerates_everything_on_it() {
+    let (mass, stiffness, amplitude, rate) = (9.0, 3600.0, 2.0, 7.0);
+    let w = f64::sqrt(stiffness / mass);
+    let exact = |t: f64| -amplitude / (w * w - rate * rate) * ((rate * t).sin() - rate / w * (w * t).sin());
+    let springs =
+        [[0, 0], [2, 0], [0, 1], [2, 1]].map(|[x, y]| format!("{{ at = [{x}, {y}], stiffness = 900 }}"));
+    for (mass, tolerance) in [("singular", 2e-6), ("consistent", 2e-6)] {
+        let text = format!(
+            "{}{}spring = [{}]\nmass = [{{ at = [1, 0.5], mass = 3 }}]\n\
+             load.base_acceleration = \"{amplitude}*sin({rate}*t)\"\n{}\
+             output.probes = [{{ name = \"middle\", at = [1, 0.5] }}]\n",
+            PLATE.replace("1e6", "1e12"),
+            grid("fvs", 4, 2),
+            springs.join(", "),
+            newmark(mass, 1e-4, 1.0)
+        );
+        let error = off(&run(&text), exact);
+        assert!(error < tolerance, "{mass}: {error:e}");
+    }
+}
+
+/// A cantilever whose clamp accelerates moves, relative to the clamp, as in the frame of the clamp.
+#[test]
+fn an_accelerated_frame_is_that_of_a_moving_support() {
+    let text = |support: &str, load: &str| {
+        format!(
+            "{UNIT}{}support = [{{ edge = \"left\", kind = \"clamped\"{support} }}]\n{load}{}\
+             output.probes = [{{ name = \"tip\", at = [1, 0] }}]\n",
+            grid("hct", 4, 4),
+            newmark("consistent", 1e-3, 0.5)
+        )
+    };
+    let moved = run(&text(", motion = \"0.3*t^2\"", ""));
+    let shaken = run(&text("", "load.base_acceleration = 0.6\n"));
+    let largest = shaken.iter().fold(0.0, |largest: f64, row| largest.max(row.probes[0].abs()));
+    for (moved, shaken) in moved.iter().zip(&shaken) {
+        let relative = moved.probes[0] - 0.3 * moved.time * moved.time;
+        assert!((relative - shaken.probes[0]).abs() < 2e-3 * largest, "t = {}", moved.time);
+    }
+}
+
 /// By Timoshenko and Woinowsky-Krieger, *Theory of Plates and Shells*, 1959, article 34, w =
 /// 0.01160 P a^2 / D under a force in the middle of a simply supported square. The effects of two
 /// point forces at each other's place are equal.
@@ -334,11 +378,16 @@ fn a_damping_ratio_is_the_modes_own() {
     let turns = w * (1.0_f64 - ratio * ratio).sqrt();
     // The tolerance is the error of the mesh's frequency, which is smaller with the consistent
     // mass.
-    for (scheme, mass, tolerance) in
-        [("newmark", "consistent", 1e-5), ("newmark", "singular", 3e-5), ("midpoint", "consistent", 1e-5)]
-    {
+    let two = "[0.05, 0.5]";
+    for (scheme, mass, ratios, tolerance) in [
+        ("newmark", "consistent", two, 1e-5),
+        ("newmark", "singular", two, 3e-5),
+        ("midpoint", "consistent", two, 1e-5),
+        // One number is the ratio of all modes.
+        ("conserving", "modal", "0.05", 1e-5),
+    ] {
         let text = format!(
-            "{UNIT}{}{}initial.deflection = \"1e-3*sin(pi*x)*sin(pi*y)\"\ndamping.modal = [{ratio}, 0.5]\n\
+            "{UNIT}{}{}initial.deflection = \"1e-3*sin(pi*x)*sin(pi*y)\"\ndamping.modal = {ratios}\n\
              time = {{ scheme = \"{scheme}\", mass = \"{mass}\", step = 1e-4, end = 0.5 }}\n\
              output.probes = [{{ name = \"centre\", at = [0.5, 0.5] }}]\n",
             grid("fvs", 16, 16),

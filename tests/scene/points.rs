@@ -44,6 +44,24 @@ fn deflections_do_not_depend_on_where_the_nodes_are() {
     }
 }
 
+/// A plate that a washer clamps has a limit under refinement, and one that a point clamps has none;
+/// a mesh too coarse for the washer is told.
+#[test]
+fn a_washer_holds_slopes() {
+    let first = |cells: usize, radius: &str| {
+        let support = format!("support = [{{ at = [0.5, 0.5], kind = \"clamped\"{radius} }}]\n");
+        let text = [UNIT, &grid("fvs", cells, cells), &support, STILL].concat();
+        let check = study::check(&scene(&text)).unwrap();
+        (check.frequencies.lowest[0], check.warnings.iter().any(|warning| warning.contains("support.0")))
+    };
+    let [coarse, fine] = [16, 48].map(|cells| first(cells, ", radius = 0.1251"));
+    let [bare_coarse, bare_fine] = [16, 48].map(|cells| first(cells, ""));
+    assert!(!coarse.1 && !fine.1 && bare_fine.1 && first(4, ", radius = 0.1251").1);
+    let falls = |[coarse, fine]: [f64; 2]| (coarse - fine).abs() / fine;
+    let [washer, bare] = [falls([coarse.0, fine.0]), falls([bare_coarse.0, bare_fine.0])];
+    assert!(washer < 0.05 && bare > 2.5 * washer, "{washer} with a washer, {bare} without");
+}
+
 /// Each stop between nodes bounds one dof at its place; the inf-sup condition holds there too.
 #[test]
 fn points_are_single_bounds() {

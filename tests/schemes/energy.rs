@@ -137,7 +137,7 @@ fn a_load_does_work_and_the_total_stays() {
     let mut scene = released_plate("hct", "singular", "midpoint", 1e-4, 0.1, false);
     scene.initial.static_pressure = FieldInput::new("initial.static_pressure", 0.0);
     let pressure = FieldInput::new("load.pressure", 5000.0);
-    scene.load = Some(rebond::scene::Load { pressure, gravity: 0.0, forces: Vec::new() });
+    scene.load = Some(rebond::scene::Load::of_pressure(pressure));
     let model = Model::new(&scene).unwrap();
     let mut rows = Rows(Vec::new());
     simulation::run(&scene, &model, &simulation::condensed, &mut rows).unwrap().1.unwrap();

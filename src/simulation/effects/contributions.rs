@@ -101,8 +101,8 @@ pub(in crate::simulation) struct Load {
 
 /// Law of a load, positive upwards.
 pub(in crate::simulation) enum LoadLaw {
-    /// Weight of all masses under a gravity, in m/s^2, positive downwards.
-    Weight(f64),
+    /// Weight of all masses under a gravity in time, in m/s^2, positive downwards.
+    Weight(FieldInput),
     /// Pressure, in Pa.
     Pressure(FieldInput),
     /// Force in N, and the deflection under it on the one process that evaluates the point.

@@ -24,21 +24,21 @@ pub(super) fn modal<E: Engine, P: Partition>(
     system: &System<E>,
     mechanism: bool,
 ) -> Result<Option<ModalDamping>> {
-    let ratios = ground.scene.damping.as_ref().map_or(&[][..], |damping| &damping.modal);
-    if ratios.is_empty() {
-        return Ok(None);
-    }
+    let damping = ground.scene.damping.as_ref().map(|damping| &damping.modal);
+    let Some(given) = damping.filter(|ratios| !ratios.is_none()) else { return Ok(None) };
     let System { engine, stiffness, mass, .. } = system;
     if let Form::Modal { modes, .. } = mass {
         let elastic = modes.squares.iter().filter(|square| **square > 0.0);
+        let ratios = given.of_modes(modes.count());
         let rates = elastic.zip(ratios).map(|(square, ratio)| 2.0 * ratio * square.sqrt());
         return Ok(Some(ModalDamping::of_rates(rates.collect())));
     }
+    let ratios = given.of_modes(0);
     // Rigid motions come first and do not count.
     let bodies = ground.bodies();
     let is_loose = mechanism || bodies > 0;
     let rigid = if is_loose { 3 + bodies } else { 0 };
     let mut modes = modes::shapes(engine, stiffness, mass, ratios.len() + rigid, is_loose)?;
     modes.retain(|mode| mode.frequency > 0.0);
-    ModalDamping::new(engine, mass, &modes, ratios).map(Some)
+    ModalDamping::new(engine, mass, &modes, &ratios).map(Some)
 }

@@ -309,13 +309,17 @@ impl<P: Partition> Loads<P> {
         for load in loads {
             match &load.law {
                 LoadLaw::Weight(gravity) => {
-                    let weight = assembly::weight(&assembly::unheld(mesh, cells), zeros.len(), *gravity);
-                    vectors::add(&weight, &mut sum.constant);
+                    let (law, amplitude) = gravity.law();
+                    let mut weight = assembly::weight(&assembly::unheld(mesh, cells), zeros.len(), amplitude);
                     for PointTerm { amount, spot, .. } in ground.terms.masses() {
-                        spot.of_shape.push(-amount * gravity, &mut sum.constant);
+                        spot.of_shape.push(-amount * amplitude, &mut weight);
                     }
                     for Body { number, mass, .. } in &ground.terms.bodies {
-                        sum.constant[of_nodes + number] -= mass.amount * gravity;
+                        weight[of_nodes + number] -= mass.amount * amplitude;
+                    }
+                    match law.number() {
+                        Some(factor) => axpy(factor, &weight, &mut sum.constant),
+                        None => sum.terms.push((law, weight)),
                     }
                 }
                 LoadLaw::Pressure(pressure) => {

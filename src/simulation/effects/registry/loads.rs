@@ -1,17 +1,23 @@
-//! Loads of the table `[load]`: gravity, pressure, point forces.
+//! Loads of the table `[load]`: gravity, acceleration of the base, pressure, point forces.
 
 use crate::error::Result;
 use crate::partition::Partition;
-use crate::scene;
+use crate::scene::{self, FieldInput};
 use crate::simulation::effects::contributions::{Contributions, Load, LoadLaw};
 use crate::simulation::effects::ground::BuildContext;
 
 /// Adds the loads of `[load]`. Collective.
 pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contributions) -> Result<()> {
-    let Some(scene::Load { pressure, gravity, forces }) = &ground.scene.load else { return Ok(()) };
+    let Some(scene::Load { pressure, gravity, base_acceleration, forces }) = &ground.scene.load else {
+        return Ok(());
+    };
     let mut add = |key: &str, law| sum.loads.push(Load { key: key.into(), law });
     if *gravity != 0.0 {
-        add("load.gravity", LoadLaw::Weight(*gravity));
+        add("load.gravity", LoadLaw::Weight(FieldInput::new("load.gravity", *gravity)));
+    }
+    // In the frame of the base everything is as heavy as if it fell the other way.
+    if !base_acceleration.is_zero() {
+        add(&base_acceleration.key, LoadLaw::Weight(base_acceleration.clone()));
     }
     if !pressure.is_zero() {
         add(&pressure.key, LoadLaw::Pressure(pressure.clone()));
