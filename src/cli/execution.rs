@@ -6,7 +6,7 @@ use super::job::Job;
 use super::ranks::{self, ended, in_words};
 use super::set_up::SetUpTold;
 use super::terminal::Terminal;
-use super::{launch, signal};
+use super::{launch, printing, signal};
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::Engine;
@@ -36,7 +36,7 @@ impl Job {
                 cache.tell(|line| set_up.say(line));
                 set_up.part("frequencies");
                 let warnings = study::warnings(scene, &model);
-                self.simulate(Some(set_up), &model, &simulation::condensed, &warnings, &|| Ok(()))
+                self.simulate(Some(set_up), &model, &simulation::condensed, &warnings)
             }
         }
     }
@@ -60,7 +60,12 @@ impl Job {
             set_up.iter().for_each(|set_up| set_up.part("frequencies"));
             let warnings =
                 if speaks { study::warnings_apart(scene, &model.warnings, dofs) } else { Vec::new() };
-            self.simulate(set_up, &model, &solver, &warnings, &|| context.refuse_unused_options())
+            // Solvers look their options up in the first step at the latest.
+            if !context.unused_options()?.is_empty() {
+                model.scheme_with(scene, &solver)?.advance()?;
+                context.refuse_unused_options()?;
+            }
+            self.simulate(set_up, &model, &solver, &warnings)
         };
         ended(&context, run())
     }
@@ -72,16 +77,15 @@ impl Job {
         model: &Model<E>,
         solver: &SolverFactory<E>,
         warnings: &[String],
-        check_options: &dyn Fn() -> Result<()>,
     ) -> Result<()> {
         signal::listen()?;
         if let Some(set_up) = set_up.as_ref().filter(|_| !self.voice.is_silent()) {
-            warnings.iter().for_each(|warning| set_up.say(&format!("warning: {warning}")));
+            warnings.iter().for_each(|warning| set_up.say(&printing::warning(warning)));
         }
         let from = self.from.take();
         let comm = model.system.engine.comm();
         let RecordedRun { scene, folder, .. } = &self.run;
-        let mut terminal = Terminal::new(&self, set_up, check_options);
+        let mut terminal = Terminal::new(&self, set_up);
         let mut files = RunFiles::new(&self.run, comm.rank(), comm.size());
         let prepared = if comm.rank() == 0 { files.prepare(from.as_ref()) } else { Ok(()) };
         comm.all_ok(prepared)?;

@@ -4,6 +4,7 @@ use super::cache::CacheArgs;
 use super::printing::{OutputMode, print};
 use super::report::report;
 use crate::error::Result;
+use crate::output::answers::answers;
 use crate::output::checkpoint::Checkpoint;
 use crate::output::run_files::{RecordedRun, RunSummary};
 use crate::scene::Scene;
@@ -15,6 +16,8 @@ pub(super) struct Job {
     pub cache: CacheArgs,
     pub voice: OutputMode,
     pub from: Option<Checkpoint>,
+    /// Whether the report at the end tells how the answers were computed.
+    pub verbose: bool,
 }
 
 impl Job {
@@ -35,7 +38,9 @@ impl Job {
         let RecordedRun { scene, folder, identity, .. } = &self.run;
         let summary = RunSummary::new(scene, identity, outcome, warnings, status);
         summary.write(folder)?;
-        self.voice.print(&report(scene, outcome, folder), &summary)
+        let answers = answers(&serde_json::to_value(&summary).unwrap_or_default());
+        let report = report(scene, outcome, answers, warnings.len(), folder, self.verbose);
+        self.voice.print(&report, &summary)
     }
 }
 

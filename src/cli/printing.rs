@@ -3,7 +3,7 @@
 use super::launch;
 use crate::error::{Error, Result};
 use clap::Args;
-use std::io::Write;
+use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 
 /// Output mode of a command.
@@ -50,6 +50,16 @@ pub(super) fn print(text: &str) -> Result<()> {
         }
         _ => Ok(()),
     }
+}
+
+/// Returns a warning for standard error, with colour on a terminal.
+pub(super) fn warning(text: &str) -> String {
+    let is_plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    let (on, off) = match std::io::stderr().is_terminal() && !is_plain {
+        true => ("\x1b[33m", "\x1b[0m"),
+        false => ("", ""),
+    };
+    format!("{on}warning:{off} {text}")
 }
 
 /// Returns the command as a shell would take it again, for the foot of a plot.

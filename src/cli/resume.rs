@@ -25,6 +25,9 @@ pub(super) struct Resume {
     /// New end in s, a whole number of steps; also for a finished run
     #[arg(long, value_name = "T")]
     until: Option<String>,
+    /// Also print how the answers were computed: steps, solves, residuals, times
+    #[arg(long, short)]
+    verbose: bool,
     #[command(flatten)]
     cache: CacheArgs,
     #[command(flatten)]
@@ -39,6 +42,7 @@ impl Execute for Resume {
                 eprintln!("rebond: {why}; going on from the one before");
             }
         }
-        Job { run, cache: self.cache, voice: self.voice, from: Some(from) }.execute()
+        let Resume { cache, voice, verbose, .. } = *self;
+        Job { run, cache, voice, from: Some(from), verbose }.execute()
     }
 }

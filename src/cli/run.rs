@@ -33,6 +33,9 @@ pub(super) struct Run {
     /// Replace what the run folder holds of an unfinished run, or of another scene
     #[arg(long)]
     overwrite: bool,
+    /// Also print how the answers were computed: steps, solves, residuals, times
+    #[arg(long, short)]
+    verbose: bool,
 }
 
 impl Execute for Run {
@@ -46,6 +49,6 @@ impl Execute for Run {
         let SceneArgs { cache, voice, .. } = self.scene;
         let petsc = self.scene.petsc.clone();
         let run = RecordedRun { scene, file, identity, folder, petsc };
-        Job { run, cache, voice, from: None }.execute()
+        Job { run, cache, voice, from: None, verbose: self.verbose }.execute()
     }
 }

@@ -14,20 +14,15 @@ pub(super) struct Terminal<'r> {
     progress: Option<Progress>,
     /// Progress report of the set-up, until the first row.
     set_up: Option<SetUpTold>,
-    /// Energies of the first and of the last row, in J.
-    start: Option<f64>,
+    /// Energies at the start of the run and of the last row, in J.
+    start: f64,
     energy: f64,
-    check_options: &'r dyn Fn() -> Result<()>,
 }
 
 impl<'r> Terminal<'r> {
-    /// Creates the report of a run; `check_options` looks for PETSc options that nothing used.
-    pub fn new(
-        job: &'r Job,
-        set_up: Option<SetUpTold>,
-        check_options: &'r dyn Fn() -> Result<()>,
-    ) -> Terminal<'r> {
-        Terminal { job, progress: None, set_up, start: None, energy: 0.0, check_options }
+    /// Creates the report of a run.
+    pub fn new(job: &'r Job, set_up: Option<SetUpTold>) -> Terminal<'r> {
+        Terminal { job, progress: None, set_up, start: 0.0, energy: 0.0 }
     }
 
     /// Begins to show the progress of a new or resumed run.
@@ -46,13 +41,12 @@ impl<'r> Terminal<'r> {
 }
 
 impl Observer for Terminal<'_> {
+    fn begin(&mut self, energy: f64) {
+        self.start = energy;
+    }
+
     fn row(&mut self, row: &Row) -> Result<()> {
         self.set_up = None;
-        if row.step > 0 {
-            // By now every solver has looked up its options.
-            (self.check_options)()?;
-        }
-        self.start.get_or_insert(row.energy);
         self.energy = row.energy;
         Ok(())
     }
@@ -62,8 +56,7 @@ impl Observer for Terminal<'_> {
     }
 
     fn step(&mut self, step: u64, contact_nodes: usize) {
-        let (time, energy) = (step as f64 * self.job.run.scene.time.step, self.energy);
-        let start = self.start.unwrap_or(energy);
+        let (time, energy, start) = (step as f64 * self.job.run.scene.time.step, self.energy, self.start);
         if let Some(progress) = &mut self.progress {
             progress.tick(step, || State { time, contact_nodes, energy, start });
         }

@@ -5,9 +5,8 @@ use crate::error::{Error, Result};
 use crate::hash::Extent;
 use crate::input;
 pub use crate::scene::HISTORY_COLUMNS as COLUMNS;
-use crate::scene::ProbeQuantity;
+use crate::scene::{ColumnNumber, ProbeQuantity};
 pub use crate::simulation::Row;
-use std::fmt::Write as _;
 use std::fs::File;
 use std::io::{self, BufRead, BufReader};
 use std::path::Path;
@@ -73,16 +72,7 @@ impl History {
     pub fn push(&mut self, row: &Row) -> Result<()> {
         let columns = [row.probes.len(), row.forces.len()];
         assert_eq!(columns, self.columns, "a row needs one value per probe and force");
-        self.lines.push(|line| {
-            integer(line, row.step);
-            numbers(line, [row.time, row.energy, row.kinetic, row.elastic, row.work]);
-            line.push(',');
-            integer(line, row.contact_nodes as u64);
-            numbers(line, [row.contact_force]);
-            line.push(',');
-            integer(line, row.vi_iterations);
-            numbers(line, std::iter::once(&row.kkt).chain(row.probes).chain(row.forces).copied());
-        })
+        self.lines.push(|line| row.write(line))
     }
 
     /// Passes all rows to the operating system.
@@ -96,17 +86,11 @@ impl History {
     }
 }
 
-fn integer(line: &mut String, value: u64) {
-    write!(line, "{value}").expect("a string takes everything");
-}
-
-/// Appends numbers, each after a comma: the shortest decimals that read back as the same bits, with
-/// an exponent if that is easier to read.
+/// Appends numbers, each after a comma.
 pub(super) fn numbers(line: &mut String, values: impl IntoIterator<Item = f64>) {
     for value in values {
-        let plain = value == 0.0 || (1e-3..1e7).contains(&value.abs());
-        if plain { write!(line, ",{value}") } else { write!(line, ",{value:e}") }
-            .expect("a string takes everything");
+        line.push(',');
+        value.write(line);
     }
 }
 

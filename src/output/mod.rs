@@ -18,6 +18,7 @@
 //! - [`progress`] for the progress line on a terminal,
 //! - [`text`] for the report that ends a run.
 
+pub mod answers;
 pub mod checkpoint;
 pub mod claim;
 pub mod contacts;

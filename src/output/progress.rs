@@ -1,7 +1,7 @@
 //! Progress of a run: a moving line on a terminal, elsewhere one line per tenth of the steps.
 
-use super::text::{grouped, significant};
-use indicatif::{FormattedDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use super::text::{engineering, grouped};
+use indicatif::{HumanDuration, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::io::Write;
 use std::ops::Range;
 use std::sync::mpsc::{self, Receiver, RecvTimeoutError, Sender};
@@ -20,7 +20,7 @@ const LINES: u64 = 10;
 /// Time after which a part of the set-up is reported without a terminal.
 const LONG: Duration = Duration::from_secs(2);
 /// Ratio of the energy to its start above which the energy is shown in J.
-const LARGEST_RATIO: f64 = 1e6;
+const LARGEST_RATIO: f64 = 100.0;
 
 /// State of the simulation that the line shows.
 #[derive(Debug, Clone, Copy)]
@@ -198,22 +198,22 @@ fn watch(parts: &Receiver<&'static str>, long: Duration, mut say: impl FnMut(&'s
     }
 }
 
-/// Formats the line, which fits into 80 columns.
+/// Formats the line.
 fn words(state: &State, done: f64, pace: f64, elapsed: Duration) -> String {
     let rest = Duration::try_from_secs_f64((elapsed.as_secs_f64() * (1.0 / done - 1.0)).ceil());
     let ratio = state.energy / state.start;
     // A start at rest has no energy, or only its rounding error.
     let energy = if ratio.abs() < LARGEST_RATIO {
-        format!("E/E0 {ratio:.4}")
+        format!("energy {:.2} %", 100.0 * ratio)
     } else {
-        format!("E {} J", significant(state.energy))
+        format!("energy {}", engineering(state.energy, "J"))
     };
     format!(
-        "{:3.0} %  t = {:>8} s  {:>7} steps/s  {} left  contact {}  {energy}",
+        "{:3.0} %, t = {}, {} steps/s, {} left, {} nodes touch, {energy}",
         100.0 * done,
-        significant(state.time),
+        engineering(state.time, "s"),
         grouped(pace as u64),
-        rest.map_or("?".into(), |rest| FormattedDuration(rest).to_string()),
+        rest.map_or("?".into(), |rest| HumanDuration(rest).to_string()),
         state.contact_nodes,
     )
 }
@@ -227,11 +227,11 @@ mod tests {
         let state = State { time: 0.125, contact_nodes: 3, energy: 1.9753, start: 2.0 };
         assert_eq!(
             words(&state, 0.25, 182_345.6, Duration::from_secs(10)),
-            " 25 %  t =    0.125 s  182 345 steps/s  00:00:30 left  contact 3  E/E0 0.9877"
+            " 25 %, t = 125 ms, 182 345 steps/s, 30 seconds left, 3 nodes touch, energy 98.77 %"
         );
         for start in [0.0, -0.0, 1e-30] {
             let line = words(&State { start, ..state }, 0.25, 182_345.6, Duration::from_secs(10));
-            assert!(line.ends_with("contact 3  E 1.9753 J") && line.len() <= 80, "{line}");
+            assert!(line.ends_with("3 nodes touch, energy 1.975 J") && line.len() <= 90, "{line}");
             let still = words(&State { start, energy: start, ..state }, 0.25, 1.0, Duration::ZERO);
             assert!(!still.contains("NaN") && !still.contains("inf"), "{still}");
         }

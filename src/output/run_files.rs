@@ -91,6 +91,8 @@ pub struct RunSummary<'s> {
     #[serde(skip_serializing_if = "Option::is_none")]
     mesh_checksum: Option<u32>,
     effects: Vec<String>,
+    /// Whether nothing but the scheme may change the energy.
+    conservative: bool,
     warnings: &'s [String],
     /// Heights of the obstacles at each probe, in m.
     opposite: BTreeMap<String, Vec<f64>>,
@@ -115,6 +117,7 @@ impl<'s> RunSummary<'s> {
             scene_hash: scene.hash(),
             mesh_checksum: identity.mesh,
             effects: scene.effects(),
+            conservative: scene.changes().is_none() && !scene.dissipates(),
             warnings,
             opposite: simulation::opposite(scene).unwrap_or_default(),
             outcome,

@@ -21,6 +21,17 @@ pub struct Contact {
     pub impulse: f64,
 }
 
+/// Contact of all nodes at a step.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct ContactTotal {
+    /// Number of nodes in contact.
+    pub nodes: usize,
+    /// Sum of the reactions, in N.
+    pub force: f64,
+    /// Largest violation of a bound of this process, in m.
+    pub penetration: f64,
+}
+
 /// Number of values per contact in checkpoints and in the exchange between ranks.
 const NUMBERS: usize = 6;
 

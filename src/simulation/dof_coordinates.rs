@@ -83,6 +83,11 @@ impl DofCoordinates {
         DofCoordinates { dofs, velocities }
     }
 
+    /// Returns whether a dof of this process is the deflection of a node.
+    pub(super) fn is_deflection(&self, dof: usize) -> bool {
+        self.dofs[dof][2] == 0.0
+    }
+
     /// Returns displacement and velocity of all dofs, in the order of their positions, on the first
     /// process. Collective.
     ///

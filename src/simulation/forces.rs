@@ -1,5 +1,6 @@
-//! Forces and impulses by named support and obstacle, at every step.
+//! Forces and impulses by obstacle and named support, at every step.
 
+use super::contacts::ContactTotal;
 use super::effects::{Attribution, Wrench};
 use super::outcome::first_impact;
 use super::{
@@ -9,13 +10,13 @@ use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::scene::Scene;
+use crate::scene::{Obstacle, Scene};
 use crate::scheme::{Event, Scheme, Solution};
 use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
-/// Force and impulse of a named obstacle, step by step.
+/// Force and impulse of an obstacle, step by step.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 struct ObstacleRecord {
     /// Force at the last step, in N.
@@ -112,26 +113,32 @@ impl SupportRecord {
     }
 }
 
-/// Recorder of the forces of named supports and obstacles, the same on all processes.
+/// Recorder of the forces of named supports and all obstacles, the same on all processes.
 pub(super) struct ForceRecorder {
     /// Name of each named support.
     supports: Vec<String>,
     reactions: Vec<SupportRecord>,
     /// This process's part of the reactions at the held nodes, at the last step.
     at_nodes: Vec<f64>,
+    /// Obstacles behind the bounds; `None` where nothing can touch.
     attribution: Option<Attribution>,
-    /// Name and index of each named obstacle.
-    obstacles: Vec<(String, usize)>,
+    /// Name of each obstacle, and whether the scene gives it.
+    obstacles: Vec<(String, bool)>,
     records: Vec<ObstacleRecord>,
+    /// Sums over the nodes of all ranks, [`SUMS`] per obstacle, at the last step.
+    sums: Vec<f64>,
     /// Forces of all sliders at the last step, in N, and whether each has a name.
     sliders: Vec<(f64, bool)>,
 }
 
 impl ForceRecorder {
-    /// Prepares the records of the named supports and obstacles of a scene.
+    /// Prepares the records of the named supports and all obstacles of a scene.
     pub fn new<E: Engine>(scene: &Scene, model: &Model<E>) -> ForceRecorder {
-        let names = scene.obstacles.iter().map(|obstacle| obstacle.name.clone()).enumerate();
-        let obstacles: Vec<_> = names.filter_map(|(k, name)| Some((name?, k))).collect();
+        let name = |(k, obstacle): (usize, &Obstacle)| match &obstacle.name {
+            Some(name) => (name.clone(), true),
+            None => (format!("obstacle_{}", k + 1), false),
+        };
+        let obstacles: Vec<_> = scene.obstacles.iter().enumerate().map(name).collect();
         let supports: Vec<_> = scene.supports.iter().filter_map(|support| support.name.clone()).collect();
         ForceRecorder {
             reactions: vec![SupportRecord::default(); supports.len()],
@@ -140,6 +147,7 @@ impl ForceRecorder {
             attribution: model.attribution.clone(),
             records: vec![ObstacleRecord::default(); obstacles.len()],
             obstacles,
+            sums: Vec::new(),
             sliders: scene.sliders.iter().map(|slider| (0.0, slider.name.is_some())).collect(),
         }
     }
@@ -185,7 +193,33 @@ impl ForceRecorder {
         Ok(())
     }
 
-    /// Records the forces of the obstacles at a step and its events. Collective.
+    /// Returns the contact of a step, given whether nothing touches on this rank, and keeps its
+    /// sums by obstacle. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the obstacles' heights.
+    pub fn contact<E: Engine>(
+        &mut self,
+        model: &Model<E>,
+        scheme: &dyn Solution,
+        is_free: bool,
+    ) -> Result<ContactTotal> {
+        let ForceRecorder { attribution: Some(attribution), obstacles, sums, .. } = self else {
+            return Ok(ContactTotal::default());
+        };
+        let comm = model.system.engine.comm();
+        attribution.set(scheme.time(), comm)?;
+        sums.clear();
+        sums.resize(TOTALS + SUMS * obstacles.len(), 0.0);
+        let penetration = if is_free { 0.0 } else { add_contact_of_nodes(scheme, attribution, sums) };
+        if comm.size() > 1 {
+            *sums = comm.all_reduce_sum_slice(sums);
+        }
+        Ok(ContactTotal { nodes: sums[0] as usize, force: sums[1], penetration })
+    }
+
+    /// Records the forces of the obstacles at a step and its events, after
+    /// [`ForceRecorder::contact`]. Collective.
     fn record_obstacles<E: Engine>(
         &mut self,
         scene: &Scene,
@@ -193,18 +227,16 @@ impl ForceRecorder {
         scheme: &dyn Solution,
         events: &[Event],
     ) -> Result<()> {
-        let ForceRecorder { attribution: Some(attribution), obstacles, records, .. } = self else {
+        let ForceRecorder { attribution: Some(attribution), records, sums, .. } = self else {
             return Ok(());
         };
-        let (comm, time, step) = (model.system.engine.comm(), scheme.time(), scene.time.step);
-        attribution.set(time, comm)?;
-        let sums = comm.all_reduce_sum_slice(&own_sums(scheme, attribution, obstacles));
+        let (time, step) = (scheme.time(), scene.time.step);
         let is_event_driven = scene.time.scheme.capabilities().is_event_driven;
-        for ((sums, record), (_, obstacle)) in sums.chunks_exact(SUMS).zip(records).zip(obstacles) {
-            let (force, impulse, nodes) = (sums[0], sums[1], sums[2]);
+        let sums = sums[TOTALS..].as_chunks::<SUMS>().0;
+        for (obstacle, (&[force, impulse, nodes], record)) in sums.iter().zip(records).enumerate() {
             record.add(force, impulse, time);
             for event in events {
-                if attribution.obstacle(event.bound, towards(event)) == Some(*obstacle) {
+                if attribution.obstacle(event.bound, towards(event)) == Some(obstacle) {
                     let DeflectionDof { node, at, .. } = model.sites[event.bound];
                     let impact = Impact { time: event.time, node, at, velocity: event.velocity };
                     record.event(event.closes, impact, scheme)?;
@@ -213,7 +245,7 @@ impl ForceRecorder {
             if nodes > 0.0 {
                 if record.last.is_none() {
                     let is_chosen = |bound: usize| {
-                        attribution.obstacle(bound, scheme.reaction()[bound]) == Some(*obstacle)
+                        attribution.obstacle(bound, scheme.reaction()[bound]) == Some(obstacle)
                     };
                     record.begin(first_impact(model, scheme, step, &is_chosen)?, scheme)?;
                 }
@@ -259,15 +291,17 @@ impl ForceRecorder {
 
     /// Returns the values of the force columns of a row, and begins the impulses of the next row.
     pub fn take_columns(&mut self) -> Vec<f64> {
-        let columns = |record: &mut ObstacleRecord| [record.force, std::mem::take(&mut record.impulse)];
+        let take = |record: &mut ObstacleRecord| [record.force, std::mem::take(&mut record.impulse)];
+        let obstacles = self.records.iter_mut().zip(&self.obstacles);
+        let obstacles = obstacles.filter(|(_, (_, is_named))| *is_named).flat_map(|(record, _)| take(record));
         let supports = self.reactions.iter_mut().flat_map(SupportRecord::take_columns);
         let sliders = self.sliders.iter().filter(|(_, is_named)| *is_named).map(|(force, _)| *force);
-        supports.chain(self.records.iter_mut().flat_map(columns)).chain(sliders).collect()
+        supports.chain(obstacles).chain(sliders).collect()
     }
 
     /// Returns the forces by name up to an instant (s).
     pub fn summary(&self, time: f64) -> BTreeMap<String, NamedForce> {
-        let total = |((name, _), record): (&(String, usize), &ObstacleRecord)| {
+        let total = |((name, _), record): (&(String, bool), &ObstacleRecord)| {
             let mut total = record.total.clone();
             if record.touching > 0 {
                 total.time_in_contact += time - record.since;
@@ -295,27 +329,34 @@ fn towards(event: &Event) -> f64 {
     if event.closes { -event.velocity } else { event.velocity }
 }
 
-/// Number of sums per named obstacle: force (N), impulse (N s), nodes in contact.
+/// Number of sums over all bounds: nodes in contact, force (N).
+const TOTALS: usize = 2;
+
+/// Number of sums per obstacle: force (N), impulse (N s), nodes in contact.
 const SUMS: usize = 3;
 
-/// Returns this process's part of the sums of a step, for each named obstacle.
-fn own_sums(scheme: &dyn Solution, attribution: &Attribution, obstacles: &[(String, usize)]) -> Vec<f64> {
-    let mut sums = vec![0.0; SUMS * obstacles.len()];
+/// Adds this process's nodes to the sums of a step. Returns the largest violation of a bound, in m.
+fn add_contact_of_nodes(scheme: &dyn Solution, attribution: &Attribution, sums: &mut [f64]) -> f64 {
+    let (record, bounds) = (scheme.record(), scheme.limits());
+    let (totals, by_obstacle) = sums.split_at_mut(TOTALS);
     let mut add = |bound: usize, push: f64, values: [f64; SUMS]| {
-        let obstacle = attribution.obstacle(bound, push);
-        if let Some(k) = obstacles.iter().position(|(_, number)| Some(*number) == obstacle) {
-            sums[SUMS * k..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+        if let Some(obstacle) = attribution.obstacle(bound, push) {
+            by_obstacle[SUMS * obstacle..].iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         }
     };
-    let (reaction, impulses) = (scheme.reaction(), scheme.impulses());
-    for bound in scheme.record().candidates() {
-        let (r, impulse) = (reaction[bound], impulses[bound]);
+    let mut penetration = 0.0_f64;
+    for bound in record.candidates() {
+        let (r, impulse, z) = (record.reaction[bound], record.impulses[bound], record.admissible[bound]);
+        totals[0] += f64::from(r != 0.0);
+        totals[1] += r;
         if r != 0.0 {
             add(bound, r, [r, 0.0, 1.0]);
         }
         if impulse != 0.0 {
             add(bound, impulse, [0.0, impulse, 0.0]);
         }
+        let [lower, upper] = bounds.rigid(bound);
+        penetration = penetration.max(lower - z).max(z - upper);
     }
-    sums
+    penetration
 }

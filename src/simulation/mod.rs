@@ -1,6 +1,7 @@
 //! Simulation of a scene: model, scheme, and the main loop with its observer.
 
 mod contacts;
+mod deflection;
 #[cfg(feature = "petsc")]
 mod distributed;
 mod dof_coordinates;
@@ -32,6 +33,8 @@ mod stresses;
 mod time_loop;
 
 pub use contacts::Contact;
+use deflection::DeflectionSites;
+pub use deflection::LargestDeflection;
 #[cfg(feature = "petsc")]
 pub use distributed::check_options;
 pub use dof_coordinates::{DeflectionDof, DofCoordinates};
@@ -95,12 +98,14 @@ pub struct Model<E: Engine = Native> {
     pub sites: Vec<DeflectionDof>,
     /// Positions of the dofs and velocities of this process.
     pub places: DofCoordinates,
-    /// Obstacles behind the bounds, if any of them has a name.
+    /// Obstacles behind the bounds, if there is anything to touch.
     attribution: Option<Attribution>,
     /// Reactions of the supports, if any of them has a name.
     reactions: Option<Reactions>,
     /// Sampling of snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
+    /// Deflections among which the largest is found.
+    deflections: DeflectionSites,
     /// Stresses at the nodes, if the scene asks for their extremes.
     extremes: Option<Rc<StressSites>>,
     /// Rigid motions that nothing restrains, in words; `None` if there are none.
@@ -230,6 +235,7 @@ fn compose<E: OfCells, P: Partition>(
     let fields = Fields::new(ground, &motion, curvatures.as_ref())?;
     let extremes = StressSites::if_asked(ground, &motion, curvatures.as_ref())?.map(Rc::new);
     let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];
+    let deflections = DeflectionSites::new(&places, &sites, &motion);
     let sonic = sonic_energy(ground);
     Ok(Model {
         system,
@@ -241,6 +247,7 @@ fn compose<E: OfCells, P: Partition>(
         attribution,
         reactions,
         fields,
+        deflections,
         extremes,
         mechanism,
         warnings,

@@ -28,10 +28,15 @@ impl NodalMotion {
     /// Returns the values for displacements over the dofs of this rank's cells at an instant (s).
     pub fn at(&self, u: &[f64], time: f64) -> Result<Vec<f64>> {
         let mut shape = self.relative(u);
-        for Lift { motion, shape: lift, .. } in &self.lifts {
-            axpy(motion.at(Point::origin(), time)?, lift, &mut shape);
-        }
+        self.lifts(time)?.into_iter().for_each(|(height, lift)| axpy(height, lift, &mut shape));
         Ok(shape)
+    }
+
+    /// Returns the height (m) of each support motion at an instant (s), and its share in all
+    /// deflections and slopes.
+    pub fn lifts(&self, time: f64) -> Result<Vec<(f64, &[f64])>> {
+        let height = |lift: &Lift| lift.motion.at(Point::origin(), time);
+        self.lifts.iter().map(|lift| Ok((height(lift)?, &*lift.shape))).collect()
     }
 
     /// Adds the share of support velocities (m/s) to rates in the frame of the supports.

@@ -4,40 +4,17 @@ use super::{Contact, Envelope, NodeReaction, RunState, Snapshot};
 use crate::error::Result;
 use crate::hash::Extent;
 use crate::motion::Motion;
+pub use crate::scene::HistoryRow as Row;
 use crate::scheme::{Event, Solution};
-
-/// Row of the history.
-#[derive(Debug, Clone, Copy)]
-pub struct Row<'r> {
-    /// Index of the step.
-    pub step: u64,
-    /// Time, in s.
-    pub time: f64,
-    /// Energy of the scheme, in J.
-    pub energy: f64,
-    /// Kinetic energy, in J.
-    pub kinetic: f64,
-    /// Elastic energy, in J.
-    pub elastic: f64,
-    /// Work of the external loads, in J.
-    pub work: f64,
-    /// Number of nodes in contact at this instant.
-    pub contact_nodes: usize,
-    /// Sum of the reactions of the obstacles at this instant, in N, positive upwards.
-    pub contact_force: f64,
-    /// Iterations of the contact solver since the last row.
-    pub vi_iterations: u64,
-    /// Largest relative KKT residual since the last row.
-    pub kkt: f64,
-    /// Quantities at the probes, such as the deflections in m.
-    pub probes: &'r [f64],
-    /// Forces and impulses by name, in the order of
-    /// [`Scene::force_columns`](crate::scene::Scene::force_columns).
-    pub forces: &'r [f64],
-}
 
 /// Receiver of the results of a run; a closure that takes a [`Row`] is one.
 pub trait Observer {
+    /// Receives the energy at the start of the run, in J, before all else; also where the run is
+    /// resumed.
+    fn begin(&mut self, energy: f64) {
+        let _ = energy;
+    }
+
     /// Receives a row of the history, every `output.every` steps and at the end.
     ///
     /// # Errors
@@ -168,6 +145,11 @@ impl<F: FnMut(&Row) -> Result<()>> Observer for F {
 pub struct Both<A, B>(pub A, pub B);
 
 impl<A: Observer, B: Observer> Observer for Both<A, B> {
+    fn begin(&mut self, energy: f64) {
+        self.0.begin(energy);
+        self.1.begin(energy);
+    }
+
     fn row(&mut self, row: &Row) -> Result<()> {
         self.0.row(row)?;
         self.1.row(row)

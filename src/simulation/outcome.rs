@@ -1,8 +1,10 @@
 //! Summary of a run: its impacts, contacts and energies.
 
-use super::{DeflectionDof, Extremes, Model, NamedForce, NodeEvent, Observer};
+use super::contacts::ContactTotal;
+use super::{DeflectionDof, Extremes, LargestDeflection, Model, NamedForce, NodeEvent, Observer};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
+use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearMethod, LinearSolves};
 use crate::obstacle::Bounds;
@@ -27,7 +29,7 @@ pub struct Impact {
     pub velocity: f64,
 }
 
-/// Energy at the start and end and its extremes over the rows, in J.
+/// Energy at the start and end, its extremes over the rows, and its balance, in J.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct EnergySpan {
     /// Energy at the start, in J.
@@ -38,14 +40,38 @@ pub struct EnergySpan {
     pub min: f64,
     /// Largest energy, in J.
     pub max: f64,
+    /// Kinetic and elastic energy at the start and at the last row, in J.
+    pub stored: [f64; 2],
+    /// Work of loads, moving obstacles and moving supports from the start to the last row, in J.
+    pub put_in: f64,
+    /// Energy lost up to the last row, in J: `put_in` and `stored` at the start less that at the
+    /// last row. Damping and dashpots take it, and in contact dissipative schemes.
+    pub lost: f64,
 }
 
 impl EnergySpan {
-    /// Records the energy of a row, in J.
-    pub(super) fn record(&mut self, energy: f64) {
+    /// Starts with the energies of the initial state.
+    fn new(start: Energies) -> EnergySpan {
+        let [total, stored] = [start.total(), start.kinetic + start.elastic];
+        EnergySpan {
+            start: total,
+            end: total,
+            min: total,
+            max: total,
+            stored: [stored; 2],
+            ..EnergySpan::default()
+        }
+    }
+
+    /// Records the energies of a row.
+    pub(super) fn record(&mut self, now: Energies) {
+        let energy = now.total();
         self.end = energy;
         self.min = self.min.min(energy);
         self.max = self.max.max(energy);
+        self.stored[1] = now.kinetic + now.elastic;
+        self.lost = self.start - energy;
+        self.put_in = self.stored[1] - self.stored[0] + self.lost;
     }
 }
 
@@ -140,16 +166,19 @@ pub struct Outcome {
     /// Work counters of an event-driven scheme.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub tally: Option<EventStatistics>,
-    /// Energy at the start and end and its extremes.
+    /// Largest deflection of all nodes over all steps; with the modal mass at 100 instants per
+    /// period of the lowest mode.
+    pub largest_deflection: Option<LargestDeflection>,
+    /// Energy at the start and end, its extremes and its balance.
     pub energy: EnergySpan,
     /// First impact; `None` if there was no contact.
     pub first_impact: Option<Impact>,
-    /// Intervals in which the plate touches any obstacle, in s. Intervals closer than a hundredth
-    /// of the run, or in successive steps, are joined.
+    /// Contacts of the plate: intervals in which any node touches anything, in s. A plate that is
+    /// released for a single step stays in contact.
     pub contacts: Vec<[f64; 2]>,
     /// Number of contacts of single nodes, i.e. of rows of contacts.csv.
     pub node_contacts: u64,
-    /// Forces by named support and obstacle.
+    /// Forces by obstacle and named support.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub forces: BTreeMap<String, NamedForce>,
     /// Energy that each slider has dissipated, in J, by its name or key.
@@ -157,7 +186,7 @@ pub struct Outcome {
     pub dissipated: BTreeMap<String, f64>,
     /// Largest relative KKT residual of all steps.
     pub worst_kkt: f64,
-    /// Largest violation of a bound in all steps, in m.
+    /// Largest violation of a bound in all steps, in m; during the run, of this process's bounds.
     pub worst_penetration: f64,
     /// Relaxation statistics of a conserving scheme.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -172,7 +201,6 @@ pub struct Outcome {
 impl Outcome {
     /// Creates the outcome of a run at its start; `factor` is the time of the factorisation, in s.
     pub(super) fn new<E: Engine>(model: &Model<E>, scheme: &dyn Solution, factor: f64) -> Result<Outcome> {
-        let start = scheme.energies()?.total();
         let [assembly, equilibrium] = model.seconds;
         let System { engine, bounds, .. } = &model.system;
         let [dofs, bounded_dofs] = engine.comm().all_reduce_sum([engine.dofs(), bounds.len()]);
@@ -182,7 +210,7 @@ impl Outcome {
             ranks: engine.comm().size(),
             imbalance: engine.comm().all_reduce_max(engine.dofs() as f64) * engine.comm().size() as f64
                 / dofs.max(1) as f64,
-            energy: EnergySpan { start, end: start, min: start, max: start },
+            energy: EnergySpan::new(scheme.energies()?),
             seconds: Seconds { assembly, equilibrium, factor, ..Seconds::default() },
             ..Outcome::default()
         })
@@ -203,14 +231,6 @@ impl Outcome {
         archive.value(&mut self.seconds.blocks)
     }
 
-    /// Joins intervals of contact that are close in a run to its present end but were not in the
-    /// run to an earlier end.
-    pub(super) fn join_contacts(&mut self, scene: &Scene) {
-        let mut joined = Vec::new();
-        self.contacts.iter().for_each(|&interval| add_interval(&mut joined, scene, interval));
-        self.contacts = joined;
-    }
-
     /// Records the events up to the present instant, and returns them.
     pub(super) fn record_events<E: Engine>(
         &mut self,
@@ -226,22 +246,21 @@ impl Outcome {
             if closes && self.first_impact.is_none() {
                 self.first_impact = Some(Impact { time, node, at, velocity });
             }
-            add_contact(&mut self.contacts, scene, time);
+            add_contact(&mut self.contacts, scene.time.step, time);
             observer.event(&NodeEvent { node, at, event })?;
         }
         Ok(events)
     }
 
-    /// Records a step, given whether it had events and whether nothing touched on this rank.
-    /// Returns the number of nodes in contact and their total force, in N. Collective.
+    /// Records a step, given whether it had events and its contact. Collective.
     pub(super) fn record<E: Engine>(
         &mut self,
         scene: &Scene,
         model: &Model<E>,
         scheme: &dyn Solution,
         events: bool,
-        is_free: bool,
-    ) -> Result<(usize, f64)> {
+        contact: &ContactTotal,
+    ) -> Result<()> {
         let verdict = scheme.step_report();
         self.steps = scheme.step();
         self.vi_iterations += u64::from(verdict.iterations);
@@ -249,48 +268,25 @@ impl Outcome {
         if verdict.kkt > self.worst_kkt || verdict.kkt.is_nan() {
             self.worst_kkt = verdict.kkt;
         }
-        if !scene.has_contact() {
-            return Ok((0, 0.0));
-        }
-        let (engine, bounds) = (&model.system.engine, scheme.limits());
-        let (mut nodes, mut force, mut penetration) = (0, 0.0, 0.0_f64);
-        let (record, reaction) = (scheme.record(), scheme.reaction());
-        if !is_free {
-            record.candidates().for_each(|i| {
-                let (r, z) = (reaction[i], record.admissible[i]);
-                nodes += usize::from(r != 0.0);
-                force += r;
-                let [lower, upper] = bounds.rigid(i);
-                penetration = penetration.max(lower - z).max(z - upper);
-            });
-        }
-        let (nodes, force, penetration) = engine
-            .comm()
-            .all_reduce((nodes, force, penetration), |a, b| (a.0 + b.0, a.1 + b.1, a.2.max(b.2)));
-        self.worst_penetration = self.worst_penetration.max(penetration);
-        self.contact_steps += u64::from(nodes > 0 || events);
-        if nodes > 0 {
-            self.most_contact_nodes = self.most_contact_nodes.max(nodes);
+        self.worst_penetration = self.worst_penetration.max(contact.penetration);
+        self.contact_steps += u64::from(contact.nodes > 0 || events);
+        if contact.nodes > 0 {
+            self.most_contact_nodes = self.most_contact_nodes.max(contact.nodes);
             if self.first_impact.is_none() {
                 self.first_impact = first_impact(model, scheme, scene.time.step, &|_| true)?;
             }
-            add_contact(&mut self.contacts, scene, scheme.time());
+            add_contact(&mut self.contacts, scene.time.step, scheme.time());
         }
-        Ok((nodes, force))
+        Ok(())
     }
 }
 
-/// Adds an instant of contact (s) to the intervals, see [`Outcome::contacts`].
-pub(crate) fn add_contact(contacts: &mut Vec<[f64; 2]>, scene: &Scene, time: f64) {
-    add_interval(contacts, scene, [time, time]);
-}
-
-/// Adds an interval of contact (s) to the intervals, joined to the last one where it is close.
-fn add_interval(contacts: &mut Vec<[f64; 2]>, scene: &Scene, [begin, end]: [f64; 2]) {
-    let together = (0.01 * scene.time.end).max(1.5 * scene.time.step);
+/// Adds an instant of contact (s) to the intervals of a run with steps of a length (s), see
+/// [`Outcome::contacts`].
+pub(crate) fn add_contact(contacts: &mut Vec<[f64; 2]>, step: f64, time: f64) {
     match contacts.last_mut() {
-        Some([_, last]) if begin - *last <= together => *last = end,
-        _ => contacts.push([begin, end]),
+        Some([_, last]) if time - *last <= 2.5 * step => *last = time,
+        _ => contacts.push([time, time]),
     }
 }
 

@@ -3,6 +3,7 @@
 use super::time_loop::{RunMonitor, time_loop};
 use super::{Model, Observer, Outcome, RunState, condensed, phase};
 use crate::archive::Archive;
+use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::Engine;
 use crate::scene::Scene;
@@ -86,7 +87,6 @@ fn run_from<E: Engine>(
     let mut monitor = RunMonitor::new(scene, model, scheme.as_ref())?;
     if let Some(mut archive) = from {
         monitor.archive(model, scheme.as_mut(), &mut outcome, &mut archive)?;
-        outcome.join_contacts(scene);
     }
     let ended = time_loop(scene, model, scheme.as_mut(), &mut outcome, &mut monitor, observer);
     outcome.forces = monitor.forces.summary(scheme.time());
@@ -98,6 +98,9 @@ fn run_from<E: Engine>(
     // Other errors may have stopped some processes earlier than others.
     if matches!(ended, Ok(()) | Err(Error::Interrupted { .. })) {
         outcome.extremes = monitor.extremes(model);
+        let comm = model.system.engine.comm();
+        outcome.worst_penetration = comm.all_reduce_max(outcome.worst_penetration);
+        outcome.largest_deflection = monitor.deflection.largest(comm);
     }
     outcome.seconds.blocks = monitor.seconds();
     outcome.seconds.stepping = outcome.seconds.blocks.total();

@@ -1,6 +1,7 @@
 //! Main loop of a run, from step to step.
 
-use super::contacts::ContactRecorder;
+use super::contacts::{ContactRecorder, ContactTotal};
+use super::deflection::DeflectionWatch;
 use super::extremes::{Extremes, StressWatch};
 use super::forces::ForceRecorder;
 use super::readings::Accelerations;
@@ -29,10 +30,8 @@ struct StepTime {
 
 /// Contact during the step just made.
 struct StepContact {
-    /// Number of nodes in contact at the end of the step, on all processes.
-    nodes: usize,
-    /// Sum of the reactions of the obstacles at the end of the step, in N.
-    force: f64,
+    /// Contact of all nodes at the end of the step.
+    total: ContactTotal,
     /// Events of this process's nodes.
     events: Vec<Event>,
     /// Whether none of this process's nodes touches.
@@ -66,6 +65,7 @@ pub(super) fn time_loop<E: Engine>(
 ) -> Result<()> {
     let probes = vec![0.0; model.probes.len()];
     let mut run = TimeLoop { scene, model, scheme, outcome, monitor, observer, probes, observed: Ok(()) };
+    run.observer.begin(run.outcome.energy.start);
     // A resumed run may start at a step that was recorded before the interruption.
     if run.monitor.is_recorded {
         run.advance()?;
@@ -78,12 +78,13 @@ pub(super) fn time_loop<E: Engine>(
         run.check_step(now)?;
         run.follow_contacts(&contact)?;
         run.monitor.clock.lap(|blocks| &mut blocks.contacts);
+        run.follow_deflections()?;
         run.follow_accelerations()?;
         run.follow_stresses()?;
         run.row(now, &contact)?;
         run.fields(now)?;
         run.reactions(now)?;
-        run.observer.step(now.step, contact.nodes);
+        run.observer.step(now.step, contact.total.nodes);
         if now.is_last {
             run.envelope();
             return run.share_error();
@@ -128,8 +129,9 @@ impl<E: Engine> TimeLoop<'_, E> {
         let events = self.outcome.record_events(self.scene, self.model, self.scheme, self.observer)?;
         let is_free = self.scheme.record().is_free(self.scheme.limits());
         let has_events = !events.is_empty();
-        let (nodes, force) = self.outcome.record(self.scene, self.model, self.scheme, has_events, is_free)?;
-        Ok(StepContact { nodes, force, events, is_free })
+        let total = self.monitor.forces.contact(self.model, self.scheme, is_free)?;
+        self.outcome.record(self.scene, self.model, self.scheme, has_events, &total)?;
+        Ok(StepContact { total, events, is_free })
     }
 
     /// Checks the answer of the contact solver.
@@ -146,6 +148,11 @@ impl<E: Engine> TimeLoop<'_, E> {
         let TimeLoop { scene, model, scheme, monitor, .. } = self;
         monitor.contacts.record(&model.sites, scene.time.step, *scheme, &contact.events, contact.is_free);
         monitor.forces.record(scene, model, *scheme, &contact.events)
+    }
+
+    /// Takes the deflections of this step.
+    fn follow_deflections(&mut self) -> Result<()> {
+        self.monitor.deflection.note(&self.model.deflections, self.scheme)
     }
 
     /// Takes the velocities of this step at the probes that record accelerations.
@@ -182,19 +189,18 @@ impl<E: Engine> TimeLoop<'_, E> {
         if !is_due || matches!(guarded, Err(Error::NotFinite { .. })) {
             return guarded;
         }
-        let energy = energies.total();
-        self.outcome.energy.record(energy);
+        self.outcome.energy.record(energies);
         let Model { readings, system, .. } = self.model;
         readings.read(system, &self.monitor.accelerations, self.scheme, &mut self.probes)?;
         let row = Row {
             step,
             time,
-            energy,
+            energy: energies.total(),
             kinetic: energies.kinetic,
             elastic: energies.elastic,
             work: energies.work,
-            contact_nodes: contact.nodes,
-            contact_force: contact.force,
+            contact_nodes: contact.total.nodes as u64,
+            contact_force: contact.total.force,
             vi_iterations: self.monitor.iterations,
             kkt: self.monitor.kkt,
             probes: &self.probes,
@@ -328,6 +334,7 @@ pub(super) struct RunMonitor {
     iterations: u64,
     kkt: f64,
     contacts: ContactRecorder,
+    pub(super) deflection: DeflectionWatch,
     accelerations: Accelerations,
     /// Largest stresses so far, if the scene asks for them.
     stresses: Option<StressWatch>,
@@ -375,6 +382,7 @@ impl RunMonitor {
             iterations: 0,
             kkt: 0.0,
             contacts: ContactRecorder::default(),
+            deflection: DeflectionWatch::new(&model.system, scene.time.step),
             accelerations: Accelerations::new(scene),
             stresses: model.stress_watch(),
             forces: ForceRecorder::new(scene, model),
@@ -408,6 +416,7 @@ impl RunMonitor {
         archive.value(&mut self.kkt)?;
         archive.value(&mut self.is_recorded)?;
         self.contacts.archive(model.system.bounds.len(), archive)?;
+        self.deflection.archive(model.system.engine.comm(), archive)?;
         self.accelerations.archive(archive)?;
         if let Some(stresses) = &mut self.stresses {
             stresses.archive(model.system.engine.comm(), archive)?;
@@ -415,6 +424,7 @@ impl RunMonitor {
         self.forces.archive(archive)?;
         // A last state has no times, so that equal runs leave equal bytes.
         outcome.seconds.blocks = if self.is_recorded { self.seconds() } else { BlockSeconds::default() };
+        outcome.worst_penetration = model.system.engine.comm().all_reduce_max(outcome.worst_penetration);
         outcome.archive(archive)?;
         if !archive.saves() {
             self.clock = BlockClock::start(outcome.seconds.blocks);

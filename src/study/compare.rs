@@ -224,7 +224,7 @@ impl Comparison {
             };
             entry.difference = pairs.iter().map(differs).fold(entry.difference, f64::max);
             if touches(truth.as_ref()) {
-                simulation::add_contact(&mut contacts, scene, truth.time());
+                simulation::add_contact(&mut contacts, scene.time.step, truth.time());
                 if contacts.len() > entry.difference_up_to_impact.len() {
                     entry.difference_up_to_impact.push(entry.difference);
                 }
@@ -348,7 +348,7 @@ impl fmt::Display for Comparison {
         for k in 0..shown {
             let upto = move |entry: &Entry| entry.difference_up_to_impact.get(k).copied();
             let cell = move |entry: &Entry| upto(entry).map_or("-".into(), two_digits);
-            columns.add(format!("up to\nimpact {}", k + 1), cell);
+            columns.add(format!("up to\ncontact {}", k + 1), cell);
         }
         columns.add("worst KKT\nresidual", |entry| two_digits(entry.worst_kkt));
         columns.add("VI\niterations", |entry| grouped(entry.vi_iterations));
@@ -376,7 +376,7 @@ impl fmt::Display for Comparison {
         write!(f, "{table}")?;
         if let Some(shown) = self.impacts.get(..shown).filter(|shown| !shown.is_empty()) {
             let times: Vec<String> = shown.iter().map(|time| format!("{time:.6} s")).collect();
-            writeln!(f, "  impacts at {}; {} in all", times.join(", "), self.impacts.len())?;
+            writeln!(f, "  contacts at {}; {} in all", times.join(", "), self.impacts.len())?;
         }
         Ok(())
     }

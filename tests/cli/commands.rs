@@ -150,7 +150,7 @@ fn compare_puts_solvers_side_by_side() {
     let folder = folder("compare");
     let compare = |arguments: &[&str]| rebond(&folder, &[&["compare", "fall.toml"], arguments].concat());
     let table = text(&compare(&[]).stdout);
-    for words in ["a short fall: 36 dofs, 1 rank", "up to", "impact 1", "native", "impacts at 0.0"] {
+    for words in ["a short fall: 36 dofs, 1 rank", "up to", "contact 1", "native", "contacts at 0.0"] {
         assert!(table.contains(words), "no {words:?} in:\n{table}");
     }
     // A contender that cannot run has a row of its own, and the final error names it.
@@ -251,7 +251,8 @@ fn a_closed_pipe_is_no_panic() {
 #[test]
 fn the_exact_scheme_lists_its_events() {
     let folder = folder("exact");
-    let output = rebond(&folder, &["run", "fall.toml", "--set", "time.scheme=exact", "--out", "out"]);
+    let output =
+        rebond(&folder, &["run", "fall.toml", "--set", "time.scheme=exact", "--out", "out", "--verbose"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stdout).contains("active sets"));
     let events = std::fs::read_to_string(folder.join("out/events.csv")).unwrap();

@@ -217,7 +217,7 @@ fn rank_0_speaks_and_writes_alone() {
     let folder = folder("voice");
     // A scene that names no engine runs on PETSc where there are several processes.
     let said = succeeds(&on(&folder, 2, &["run", "fall.toml"]));
-    for words in ["a short push", "engine: petsc, 2 ranks", "effects:", "first impact", "written to"] {
+    for words in ["a short push", "engine: petsc, 2 ranks", "effects:", "first impact", "rebond report"] {
         assert_eq!(said.matches(words).count(), 1, "{words:?} in:\n{said}");
     }
     let native = run_native(&folder, &["fall.toml"]);

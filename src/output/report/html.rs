@@ -1,9 +1,11 @@
 //! Sections of the page as HTML.
 
 use super::frames::Frames;
+use super::sentence;
+use crate::output::answers::{self, KeyFigure};
 use crate::output::contacts::Contact;
 use crate::output::plot;
-use crate::output::text::{grouped, significant};
+use crate::output::text::{engineering, grouped, prefix, significant, two_digits};
 use crate::scene::unit;
 use serde_json::Value;
 
@@ -50,24 +52,75 @@ pub(super) fn sortable(id: &str, heads: &str, rows: &str) -> String {
     )
 }
 
-/// Returns the title, the effects and the parts of the scene of a run.
-pub(super) fn scene(summary: &Value) -> String {
+/// Returns the title of a run, and one sentence of what its plate is.
+pub(super) fn head(summary: &Value) -> String {
     let scene = &summary["scene"];
     let title = scene["title"].as_str().filter(|title| !title.is_empty()).unwrap_or("Run of rebond");
     let status = summary["status"].as_str().unwrap_or("unknown");
-    let state = if status == "done" { String::new() } else { format!(", ended early: {}", escaped(status)) };
-    let version = escaped(summary["version"].as_str().unwrap_or_default());
-    let header = format!(
-        "<header><h1>{}</h1>\n<p class=\"soft\">Report of a run by rebond {version}{state}</p></header>\n<main>\n",
+    let state = match status {
+        "done" => String::new(),
+        status => format!("<p class=\"warning\">Ended early: {}</p>\n", escaped(status)),
+    };
+    let plate = escaped(&typeset(&sentence::sentence(scene)));
+    format!(
+        "<header><h1>{}</h1>\n<p class=\"plate\">{plate}.</p>\n\
+         <button type=\"button\" id=\"print\" class=\"live\">Print</button>{state}</header>\n<main>\n",
         escaped(title)
-    );
+    )
+}
+
+/// Sets a text: micro, minus and times signs, and each unit beside its number.
+fn typeset(text: &str) -> String {
+    let mut words: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        let unit = word.trim_end_matches([',', ';']);
+        let is_unit = UNITS.contains(&unit) || UNITS.contains(&unit.strip_prefix(PREFIXES).unwrap_or(unit));
+        let is_number = |last: &String| last.ends_with(|c: char| c.is_ascii_digit() || c == ')');
+        match (words.last_mut(), word.strip_prefix('u')) {
+            (Some(last), Some(rest)) if is_unit && is_number(last) => *last += &format!("\u{a0}\u{b5}{rest}"),
+            (Some(last), None) if is_unit && is_number(last) => *last += &format!("\u{a0}{word}"),
+            _ if word == "x" => words.push("\u{d7}".into()),
+            _ => words.push(word.replace('-', "\u{2212}")),
+        }
+    }
+    words.join(" ")
+}
+
+/// Units in texts, and the prefixes that may stand before them.
+const UNITS: [&str; 10] = ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W"];
+const PREFIXES: [char; 8] = ['p', 'n', 'u', 'm', 'k', 'M', 'G', 'T'];
+
+/// Returns the answers and the warnings of a run.
+pub(super) fn answers(summary: &Value) -> String {
+    let answer = |KeyFigure { title, text }: KeyFigure| {
+        format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(&title), escaped(&typeset(&text)))
+    };
+    let cards: String = answers::answers(summary).into_iter().map(answer).collect();
+    let warning = |text| format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text));
+    let mut warnings: String = texts(&summary["warnings"]).map(warning).collect();
+    if warnings.is_empty() {
+        warnings += "<p class=\"soft\">The run gave no warnings.</p>\n";
+    }
+    section("answers", "", "Answers", &format!("<dl class=\"numbers answers\">\n{cards}</dl>\n{warnings}"))
+}
+
+/// Returns the effects and the parts of the scene of a run, folded.
+pub(super) fn scene(summary: &Value) -> String {
     let effects: String =
         texts(&summary["effects"]).map(|effect| format!("<li>{}</li>", escaped(effect))).collect();
     let effects = match effects.is_empty() {
         true => "<p>No effects: the plate vibrates freely.</p>\n".to_owned(),
         false => format!("<ul class=\"effects\" aria-label=\"Effects that are on\">{effects}</ul>\n"),
     };
-    header + &section("scene", "", "The scene", &(effects + &parts(scene)))
+    folded("scene", "The scene", &(effects + &parts(&summary["scene"])))
+}
+
+/// Returns a section of the page that opens on demand.
+fn folded(id: &str, heading: &str, body: &str) -> String {
+    format!(
+        "<details class=\"folded\"><summary><h2 id=\"h-{id}\">{heading}</h2></summary>\n\
+         <section aria-labelledby=\"h-{id}\">{body}</section></details>\n"
+    )
 }
 
 /// Returns the parts of a resolved scene.
@@ -119,53 +172,33 @@ fn described(value: &Value, key: &str) -> String {
     }
 }
 
-/// Returns the key numbers and the warnings of a run.
+/// Returns how the answers of a run were computed, folded.
 pub(super) fn numbers(summary: &Value) -> String {
     let mut cards = String::new();
     let mut card = |title: &str, value: Option<String>| {
         let Some(value) = value else { return };
-        let (title, value) = (escaped(title), escaped(value.trim_end()));
-        cards += &format!("<div><dt>{title}</dt><dd>{value}</dd></div>\n");
+        cards += &format!("<div><dt>{title}</dt><dd>{}</dd></div>\n", escaped(&value));
     };
     let count = |key: &str| summary[key].as_u64().map(grouped);
-    // A number and its unit stay on one line.
-    let with_unit = |value: &Value, unit: &str| {
-        let unit = unit.replace(' ', "\u{a0}");
-        value.as_f64().map(|value| format!("{}\u{a0}{unit}", significant(value)))
-    };
-    let energy = |key: &str| with_unit(&summary["energy"][key], "J");
+    let digits = |key: &str| summary[key].as_f64().map(two_digits);
+    let seconds = |key: &str| Some(typeset(&engineering(summary["seconds"][key].as_f64()?, "s")));
+    let touches = summary["first_impact"].is_object();
     card("degrees of freedom", count("dofs"));
     card("steps", count("steps"));
     card("steps in contact", count("contact_steps").filter(|_| summary["bounded_dofs"] != 0));
-    let impact = &summary["first_impact"];
-    card("first impact", with_unit(&impact["time"], "s"));
-    card("velocity of the first impact", with_unit(&impact["velocity"], "m/s"));
-    card("place of the first impact", impact["at"].is_array().then(|| described(&impact["at"], "") + " m"));
+    card("most nodes in contact", count("most_contact_nodes").filter(|_| touches));
+    card("contacts of nodes", count("node_contacts").filter(|_| touches));
+    card("factorisations", count("factorisations"));
+    card("steps solved again", count("retries"));
+    card("worst KKT residual", digits("worst_kkt"));
     card(
-        "contacts of the plate",
-        summary["contacts"].as_array().filter(|_| impact.is_object()).map(|c| c.len().to_string()),
+        "worst penetration",
+        digits("worst_penetration").filter(|_| touches).map(|digits| digits + "\u{a0}m"),
     );
-    card("most nodes in contact", count("most_contact_nodes").filter(|_| impact.is_object()));
-    card("energy at the start", energy("start"));
-    card("energy at the end", energy("end"));
-    for (name, forces) in summary["forces"].as_object().into_iter().flatten() {
-        let shown = [with_unit(&forces["peak"], "N"), with_unit(&forces["impulse"], "N s")];
-        card(
-            &format!("{name}: peak force, impulse"),
-            Some(shown.into_iter().flatten().collect::<Vec<_>>().join(", ")),
-        );
-    }
-    card("largest von Mises stress", with_unit(&summary["extremes"]["von_mises"]["value"], "Pa"));
-    card("worst KKT residual", with_unit(&summary["worst_kkt"], ""));
-    card("worst penetration", with_unit(&summary["worst_penetration"], "m").filter(|_| impact.is_object()));
-    card("time of the steps", with_unit(&summary["seconds"]["stepping"], "s"));
-
-    let warning = |text| format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text));
-    let mut warnings: String = texts(&summary["warnings"]).map(warning).collect();
-    if warnings.is_empty() {
-        warnings += "<p class=\"soft\">The run gave no warnings.</p>\n";
-    }
-    section("numbers", "", "Key numbers", &format!("<dl class=\"numbers\">\n{cards}</dl>\n{warnings}"))
+    card("set-up", seconds("assembly"));
+    card("all steps", seconds("stepping"));
+    card("program", summary["version"].as_str().map(|version| format!("rebond {version}")));
+    folded("numbers", "Numerics", &format!("<dl class=\"numbers\">\n{cards}</dl>\n"))
 }
 
 /// Returns the view of the moving plate, or how to get one; `colors` describes its quantities.
@@ -203,7 +236,7 @@ pub(super) fn trouble() -> &'static str {
      <noscript><p class=\"warning\">Without JavaScript the page shows still pictures only.</p></noscript>\n"
 }
 
-const LEGEND: &str = "Orange points are in contact, thick dark edges do not move, grey surfaces are obstacles. \
+const LEGEND: &str = "Orange points are in contact, thick dark edges and dots do not move, grey surfaces are obstacles. \
     Drag to turn, pinch to zoom, also by the wheel after a click on the view; keys: arrows turn, + and − zoom, Home \
     resets, space plays, comma and full stop go to the snapshot before and after.";
 
@@ -221,7 +254,8 @@ pub(super) fn charts(shown: usize, rows: usize) -> String {
     };
     let words = format!(
         "<div id=\"charts\"></div>\n<p><button type=\"button\" id=\"all\">Show all times</button></p>\n\
-         <p class=\"soft\">{note} Drag across a chart to zoom all of them, click to show that instant above.</p>"
+         <p class=\"soft\">{note} Drag across a chart to zoom all of them, click to show that instant above. \
+         All numbers: <a href=\"history.csv\">history.csv</a>, <a href=\"summary.json\">summary.json</a>.</p>"
     );
     section("series", "live", "Over time", &words)
 }
@@ -244,12 +278,26 @@ fn contact_table(contacts: &[Contact]) -> String {
         ),
         false => String::new(),
     };
-    let heads = ["begin (s)", "end (s)", "node", "x (m)", "y (m)", "impulse (N s)"];
-    let heads = heads.map(|head| format!("<th scope=\"col\">{head}</th>")).concat();
-    let cell = |value: f64| format!("<td data-v=\"{value}\">{}</td>", significant(value));
+    let largest = |value: &dyn Fn(&Contact) -> f64| {
+        prefix(contacts.iter().map(value).fold(0.0, |largest: f64, value| largest.max(value.abs())))
+    };
+    let times = largest(&|contact| contact.end);
+    let lengths = largest(&|contact| contact.at[0].abs().max(contact.at[1].abs()));
+    let impulses = largest(&|contact| contact.impulse);
+    let head = |(name, (_, prefix), unit): (&str, (f64, &str), &str)| {
+        format!("<th scope=\"col\">{name} ({}{unit})</th>", prefix.replace('u', "\u{b5}"))
+    };
+    let [begin, end] = ["begin", "end"].map(|name| head((name, times, "s")));
+    let [x, y] = ["x", "y"].map(|name| head((name, lengths, "m")));
+    let impulse = head(("impulse", impulses, "N s"));
+    let heads = [begin, end, "<th scope=\"col\">node</th>".into(), x, y, impulse].concat();
+    let cell = |value: f64, (scale, _): (f64, &str)| {
+        format!("<td data-v=\"{value}\">{}</td>", significant(value / scale))
+    };
     let row = |&Contact { node, at: [x, y], begin, end, impulse }: &Contact| {
-        let [end, x, y, impulse] = [end, x, y, impulse].map(cell);
-        let time = significant(begin);
+        let time = significant(begin / times.0);
+        let [x, y] = [x, y].map(|x| cell(x, lengths));
+        let (end, impulse) = (cell(end, times), cell(impulse, impulses));
         format!(
             "<tr><td data-v=\"{begin}\"><a href=\"#t={begin}\">{time}</a></td>{end}<td>{node}</td>{x}{y}{impulse}</tr>\n"
         )

@@ -10,6 +10,7 @@ mod frames;
 mod html;
 mod many;
 mod picture;
+mod sentence;
 mod series;
 
 pub use frames::{Frames, MOST_FRAMES};
@@ -56,19 +57,26 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>) -> Result<String> {
         meta["scale"] = json!(drawn);
         meta["scales"] = scales.copied().collect::<Vec<f64>>().into();
         meta["colors"] = frames.store(&mut data);
+        let supports = summary["scene"]["support"].as_array().into_iter().flatten();
+        meta["bolts"] =
+            supports.map(|support| &support["at"]).filter(|place| place.is_array()).cloned().collect();
     }
     let path = folder.join(FILE);
     let (arrays, numbers) = data.finish().map_err(Error::io(&path))?;
     meta["arrays"] = arrays;
     let title = html::escaped(summary["scene"]["title"].as_str().unwrap_or("Run of rebond"));
     let body = [
-        html::scene(summary),
-        html::numbers(summary),
+        html::head(summary),
         html::trouble().to_owned(),
+        "<div class=\"first\">\n".to_owned(),
         html::view(summary, frames, &meta["colors"]),
+        html::answers(summary),
+        "</div>\n".to_owned(),
         html::charts(rows, table.rows()),
         html::contacts(run.contacts.as_deref()),
         pictures(&figures),
+        html::scene(summary),
+        html::numbers(summary),
         html::again(summary, &scene_text(&summary["scene"]).map_err(Error::io(&path))?),
     ]
     .concat();

@@ -26,13 +26,13 @@ pub(in crate::simulation) struct Attribution {
 }
 
 impl Attribution {
-    /// Determines the obstacles at the first instant, if any of them has a name. Collective.
-    pub fn if_named<P: Partition>(
+    /// Determines the obstacles at the first instant, if there is anything to touch. Collective.
+    pub fn if_any<P: Partition>(
         ground: &BuildContext<P>,
         opposite: &[Vec<usize>],
         bounded: &[DeflectionDof],
     ) -> Result<Option<Attribution>> {
-        if ground.scene.obstacles.iter().all(|obstacle| obstacle.name.is_none()) {
+        if !ground.scene.has_contact() {
             return Ok(None);
         }
         let contested: Vec<_> = opposites(ground.scene, opposite, bounded).enumerate().collect();

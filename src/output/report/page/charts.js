@@ -15,34 +15,48 @@ export function short(value) {
   return size !== 0 && (size >= 1e6 || size < 1e-3) ? rounded.toExponential() : String(rounded);
 }
 
-/** Returns the power of 1000 that charts of very small or large values count in, and its name. */
+/** Returns the power of 1000 in which a value has one to three digits before the point, and its prefix. */
+function prefix(value) {
+  const size = Math.abs(value);
+  if (size === 0 || !Number.isFinite(size)) return [1, ""];
+  const power = Math.max(-4, Math.min(4, Math.floor(Math.log10(size / 0.99995) / 3)));
+  return [1000 ** power, ["p", "n", "µ", "m", "", "k", "M", "G", "T"][power + 4]];
+}
+
+/** Formats a value with four digits and the prefix of its unit; those without a unit as they are. */
+export function engineering(value, unit) {
+  if (value === null || value === undefined || Number.isNaN(value)) return "–";
+  if (!unit || unit === "-") return short(value);
+  const [one, name] = prefix(value);
+  return `${short(value / one)} ${name}${unit}`;
+}
+
+/** Returns the power of 1000 in which charts of some arrays count, and its prefix. */
 function multiple(arrays) {
   const sizes = arrays.flatMap((array) => Array.from(array, Math.abs).filter(Number.isFinite));
-  const largest = sizes.reduce((most, size) => Math.max(most, size), 0);
-  if (largest === 0 || (largest >= 1e-6 && largest < 1e9)) return [1, ""];
-  const power = 3 * Math.floor(Math.log10(largest) / 3);
-  const digits = String(power).replace(/./g, (digit) => (digit === "-" ? "⁻" : "⁰¹²³⁴⁵⁶⁷⁸⁹"[digit]));
-  return [10 ** power, `10${digits} `];
+  return prefix(sizes.reduce((most, size) => Math.max(most, size), 0));
 }
 
 export class Charts {
   /** `onTime` is called with the time (s) at which the user clicks. */
   constructor(host, charts, arrays, onTime) {
-    this.times = arrays.row_times;
-    this.plots = charts.map((chart, number) => this.#chart(host, chart, number, arrays, onTime));
+    [this.one, this.prefix] = multiple([arrays.row_times]);
+    this.times = Array.from(arrays.row_times, (time) => time / this.one);
+    this.plots = charts.map((chart, number) => this.#chart(host, chart, arrays, onTime, number === charts.length - 1));
     new ResizeObserver(() => this.#fit(host)).observe(host);
     window.addEventListener("beforeprint", () => this.#fit(host, 660));
     window.addEventListener("afterprint", () => this.#fit(host));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.plots.forEach((plot) => plot.redraw()));
   }
 
-  #chart(host, chart, number, arrays, onTime) {
+  #chart(host, chart, arrays, onTime, isLast) {
     const figure = document.createElement("figure");
     figure.tabIndex = 0;
     figure.setAttribute("role", "group");
     const values = chart.columns.map(({ array }) => arrays[array]);
-    const [one, power] = multiple(values);
-    const unit = (power + (chart.unit ?? "")).trim();
+    const [one, power] = chart.unit ? multiple(values) : [1, ""];
+    const unit = power + (chart.unit ?? "");
+    const time = `time (${this.prefix}s)`;
     const label = unit ? `${chart.title} (${unit})` : chart.title;
     figure.setAttribute("aria-label", `Chart of ${label} over time. Arrows move it, plus and minus zoom, 0 shows all.`);
     host.append(figure);
@@ -57,8 +71,8 @@ export class Charts {
       width: Math.max(host.clientWidth, 200), height: 210,
       title: label,
       scales: { x: { time: false } },
-      axes: [axis({ label: number === charts.length - 1 ? "time (s)" : undefined, size: 30 }), axis({ size: 62, values: (_, ticks) => ticks.map(short) })],
-      series: [{ label: "time (s)", value: (_, value) => short(value) }, ...series],
+      axes: [axis({ label: isLast ? time : undefined, size: 30, values: (_, ticks) => ticks.map(short) }), axis({ size: 62, values: (_, ticks) => ticks.map(short) })],
+      series: [{ label: time, value: (_, value) => short(value) }, ...series],
       cursor: { sync: { key: "time" }, drag: { x: true, y: false }, y: false },
       hooks: {
         setScale: [(plot, key) => key === "x" && this.#zoomed(plot)],
@@ -73,7 +87,7 @@ export class Charts {
     let down = 0;
     plot.over.addEventListener("mousedown", (event) => (down = event.clientX));
     plot.over.addEventListener("click", (event) => {
-      if (Math.abs(event.clientX - down) < 4) onTime(plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x"));
+      if (Math.abs(event.clientX - down) < 4) onTime(this.one * plot.posToVal(event.clientX - plot.over.getBoundingClientRect().left, "x"));
     });
     figure.addEventListener("keydown", (event) => this.#key(plot, event));
     return plot;
@@ -128,7 +142,7 @@ export class Charts {
     this.time = time;
     if (time === undefined) return;
     for (const plot of this.plots ?? []) {
-      const at = plot.valToPos(time, "x");
+      const at = plot.valToPos(time / this.one, "x");
       plot.now.hidden = !(at >= 0 && at <= plot.over.clientWidth);
       plot.now.style.transform = `translateX(${at}px)`;
     }

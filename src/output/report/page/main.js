@@ -4,7 +4,7 @@ import "uplot/dist/uPlot.min.css";
 import "./page.css";
 import { decode } from "./data.js";
 import { View } from "./view.js";
-import { Charts, short } from "./charts.js";
+import { Charts, engineering } from "./charts.js";
 import { sortable } from "./table.js";
 
 const $ = (id) => document.getElementById(id);
@@ -21,6 +21,7 @@ window.addEventListener("beforeprint", () => {
   document.querySelectorAll("details").forEach((part) => (part.open = true));
 });
 window.addEventListener("afterprint", () => delete document.documentElement.dataset.print);
+$("print")?.addEventListener("click", () => print());
 $("save")?.addEventListener("click", () => {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(new Blob([$("scene-text").textContent], { type: "text/plain" }));
@@ -66,10 +67,17 @@ class Player {
     this.w = new Float32Array(n);
     this.values = new Float32Array(n);
     this.heights = { floor: new Float32Array(n), ceiling: new Float32Array(n) };
+    this.bolts = Uint32Array.from(meta.bolts, (place) => this.#nearest(place));
     this.ranges = this.#ranges();
     this.middle = this.#middle();
     this.#controls();
     this.draw();
+  }
+
+  /** Returns the shown point nearest to a place on the plate. */
+  #nearest([x, y]) {
+    const far = (p) => Math.hypot(this.arrays.x[p] - x, this.arrays.y[p] - y);
+    return this.arrays.x.reduce((best, _, p) => (far(p) < far(best) ? p : best), 0);
   }
 
   /** Returns the least and largest value of each quantity over all frames. */
@@ -218,13 +226,14 @@ class Player {
     const [low, high] = ranges[by];
     this.view.show({
       w: this.w, values: this.values, range: [low, high > low ? high : low + 1], scale: Number($("scale").value) || 1,
-      middle: this.middle, floor: wall("floor"), ceiling: wall("ceiling"), touch, ink: dark ? [0.85, 0.87, 0.9] : [0.15, 0.17, 0.2],
+      middle: this.middle, floor: wall("floor"), ceiling: wall("ceiling"), touch, bolts: this.bolts, ink: dark ? [0.85, 0.87, 0.9] : [0.15, 0.17, 0.2],
     });
-    const time = this.time(), words = `${short(time)} s`;
-    const unit = this.meta.colors.find(({ name }) => name === by).unit;
-    const small = (value) => short(Math.abs(value) < 1e-4 * (high - low) ? 0 : value);
-    $("low").textContent = `${small(low)} ${unit}`;
-    $("high").textContent = `${small(high)} ${unit}`;
+    const time = this.time(), words = engineering(time, "s");
+    const { label, unit } = this.meta.colors.find(({ name }) => name === by);
+    const small = (value) => engineering(Math.abs(value) < 1e-4 * (high - low) ? 0 : value, unit);
+    $("quantity").textContent = label;
+    $("low").textContent = small(low);
+    $("high").textContent = small(high);
     $("now").textContent = `t = ${words}${touch.length ? ", in contact" : ""}`;
     const slider = $("time");
     slider.value = place;

@@ -99,7 +99,8 @@ export class View {
     if (state.ceiling) this.#wall(state.ceiling, [...GREY, 0.22], 1);
     gl.depthMask(true);
     gl.disable(gl.BLEND);
-    if (state.touch.length > 0) this.#contacts();
+    this.#points(state.bolts, [...state.ink, 1]);
+    this.#points(state.touch, [0.9, 0.36, 0, 1]);
   }
 
   /** Returns the distance from which the whole plate fits in the window. */
@@ -166,14 +167,16 @@ export class View {
     this.#triangles(pegs, 2, [...GREY, 1]);
   }
 
-  #contacts() {
-    const { gl, state } = this;
+  /** Draws dots at some points, such as bolts and contacts. */
+  #points(points, color) {
+    const { gl } = this;
+    if (points.length === 0) return;
     this.#attributes(this.buffers.points);
     gl.disable(gl.DEPTH_TEST);
-    this.#paint(3, [0.9, 0.36, 0, 1]);
+    this.#paint(3, color);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.touching);
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, state.touch, gl.DYNAMIC_DRAW);
-    gl.drawElements(gl.POINTS, state.touch.length, gl.UNSIGNED_INT, 0);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, points, gl.DYNAMIC_DRAW);
+    gl.drawElements(gl.POINTS, points.length, gl.UNSIGNED_INT, 0);
     gl.enable(gl.DEPTH_TEST);
   }
 

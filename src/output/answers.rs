@@ -1,0 +1,129 @@
+//! Answers of a run, in engineering units: what it was made for, from its summary.
+
+use super::text::{engineering, place, short};
+use serde_json::Value;
+
+/// Energy at the start, relative to the largest of a run, below which it is rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// Part of an energy, relative to the largest part, below which it is rounding.
+const EQUAL: f64 = 1e-9;
+
+/// Largest number of stops and supports among the answers.
+const MOST_FORCES: usize = 8;
+
+/// KeyFigure of a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeyFigure {
+    /// Title of one or two words, or the name of a stop or support.
+    pub title: String,
+    /// Quantity in engineering units, with its place and time.
+    pub text: String,
+}
+
+/// Returns the answers of a run, the most important ones first, from its `summary.json`.
+pub fn answers(summary: &Value) -> Vec<KeyFigure> {
+    let mut answers = Vec::new();
+    let mut add = |title: &str, text: Option<String>| {
+        answers.extend(text.map(|text| KeyFigure { title: title.to_owned(), text }));
+    };
+    add("largest deflection", located(&summary["largest_deflection"], "m"));
+    add("largest stress", stress(&summary["extremes"]["von_mises"]));
+    add("first impact", first_impact(summary));
+    add("contacts", contacts(summary));
+    let forces = summary["forces"].as_object();
+    for (name, force) in forces.into_iter().flatten().take(MOST_FORCES) {
+        add(name, Some(force_of(force)));
+    }
+    let others = forces.map_or(0, |forces| forces.len().saturating_sub(MOST_FORCES));
+    add("...", (others > 0).then(|| format!("{others} more stops and supports in summary.json")));
+    for (name, lost) in summary["dissipated"].as_object().into_iter().flatten() {
+        add(name, quantity(lost, "J").map(|lost| format!("{lost} dissipated")));
+    }
+    add("energy", energy(summary));
+    answers
+}
+
+fn quantity(value: &Value, unit: &str) -> Option<String> {
+    Some(engineering(value.as_f64()?, unit))
+}
+
+/// Returns the place in a value of coordinates, in m.
+fn place_of(point: &Value) -> Option<String> {
+    Some(place([point[0].as_f64()?, point[1].as_f64()?]))
+}
+
+/// Returns a value with its place and time.
+fn located(largest: &Value, unit: &str) -> Option<String> {
+    let (value, time) = (quantity(&largest["value"], unit)?, quantity(&largest["time"], "s")?);
+    Some(format!("{value} at {}, {time}", place_of(&largest["at"])?))
+}
+
+fn stress(largest: &Value) -> Option<String> {
+    let side = if largest["surface"] == "bottom" { "lower" } else { "upper" };
+    Some(format!("{}, {side} surface (von Mises)", located(largest, "Pa")?))
+}
+
+fn first_impact(summary: &Value) -> Option<String> {
+    let impact = &summary["first_impact"];
+    let Some(time) = quantity(&impact["time"], "s") else {
+        return (summary["bounded_dofs"] != 0).then(|| "none: nothing touched".to_owned());
+    };
+    let speed = engineering(impact["velocity"].as_f64()?.abs(), "m/s");
+    Some(format!("{time} at {}, closing at {speed}", place_of(&impact["at"])?))
+}
+
+fn contacts(summary: &Value) -> Option<String> {
+    let count = summary["contacts"].as_array()?.len();
+    let (steps, touching) = (summary["steps"].as_f64()?, summary["contact_steps"].as_f64()?);
+    let seconds = touching * summary["scene"]["time"]["step"].as_f64()?;
+    let share = 100.0 * touching / steps.max(1.0);
+    (count > 0).then(|| format!("{count}, {} in all ({share:.1} % of the run)", engineering(seconds, "s")))
+}
+
+/// Returns force and impulse of an obstacle or a support.
+fn force_of(force: &Value) -> String {
+    let (Some(peak), Some(time), Some(impulse)) = (
+        quantity(&force["peak"], "N"),
+        quantity(&force["time_of_peak"], "s"),
+        quantity(&force["impulse"], "N s"),
+    ) else {
+        return "untouched".into();
+    };
+    let hardest = &force["hardest"];
+    let hardest = || Some((quantity(&hardest["impulse"], "N s")?, quantity(&hardest["time"], "s")?));
+    let more = match (force["impacts"].as_u64(), hardest(), moment(&force["peak_moment"])) {
+        (Some(1), ..) => ", 1 contact".into(),
+        (Some(count), Some((impulse, time)), _) => {
+            format!(", {count} contacts, the hardest {impulse} at {time}")
+        }
+        (Some(count), ..) => format!(", {count} contacts"),
+        (None, _, Some(moment)) => format!(", moment up to {}", engineering(moment, "N m")),
+        (None, ..) => String::new(),
+    };
+    format!("peak force {peak} at {time}, impulse {impulse}{more}")
+}
+
+fn moment(moment: &Value) -> Option<f64> {
+    Some(moment[0].as_f64()?.hypot(moment[1].as_f64()?))
+}
+
+/// Returns what is left of the energy where nothing but the scheme may lose any, otherwise its
+/// balance.
+fn energy(summary: &Value) -> Option<String> {
+    let energy = &summary["energy"];
+    let number = |key: &str| energy[key].as_f64();
+    let (start, end, min, max) = (number("start")?, number("end")?, number("min")?, number("max")?);
+    let is_measure = start.abs() > ROUNDING * min.abs().max(max.abs());
+    if is_measure && summary["conservative"] == true {
+        let most = (max - start).max(start - min) / start.abs();
+        let (kept, most) = (100.0 * end / start, short(100.0 * most));
+        return Some(format!("{kept:.2} % of {} kept, largest change {most} %", engineering(start, "J")));
+    }
+    let parts =
+        [energy["stored"][0].as_f64()?, number("put_in")?, number("lost")?, energy["stored"][1].as_f64()?];
+    let largest = parts.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
+    let [from, put_in, lost, to] =
+        parts.map(|part| engineering(if part.abs() > EQUAL * largest { part } else { 0.0 }, "J"));
+    Some(format!("{from} at the start, {put_in} put in, {lost} lost, {to} at the end"))
+}

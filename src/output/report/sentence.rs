@@ -1,0 +1,154 @@
+//! One sentence of what the plate of a run is.
+
+use crate::output::text::engineering;
+use serde_json::Value;
+
+/// Materials by the ranges of their modulus (GPa) and density (kg/m3).
+const MATERIALS: [(&str, [f64; 2], [f64; 2]); 8] = [
+    ("steel", [185.0, 220.0], [7600.0, 8100.0]),
+    ("aluminium", [65.0, 76.0], [2600.0, 2900.0]),
+    ("titanium", [100.0, 125.0], [4300.0, 4700.0]),
+    ("copper or bronze", [95.0, 135.0], [8300.0, 9000.0]),
+    ("silicon", [125.0, 190.0], [2300.0, 2360.0]),
+    ("gold", [70.0, 85.0], [19000.0, 19500.0]),
+    ("glass", [60.0, 80.0], [2350.0, 2600.0]),
+    ("concrete", [20.0, 45.0], [2200.0, 2600.0]),
+];
+
+/// Tables of parts that a sentence counts, with their names for one and for several.
+const COUNTED: [(&str, &str, &str); 6] = [
+    ("part", "another part", "other parts"),
+    ("rib", "a rib", "ribs"),
+    ("spring", "a spring", "springs"),
+    ("foundation", "a foundation", "foundations"),
+    ("mass", "an added mass", "added masses"),
+    ("slider", "a slider", "sliders"),
+];
+
+/// Returns what the plate of a resolved scene is, in a sentence without a full stop.
+pub(super) fn sentence(scene: &Value) -> String {
+    let mut parts = vec![plate(scene), supports(scene)];
+    for (table, one, several) in COUNTED {
+        match list(scene, table).count() {
+            0 => {}
+            1 => parts.push(one.into()),
+            count => parts.push(format!("{count} {several}")),
+        }
+    }
+    parts.extend(counted(list(scene, "obstacle").map(stop)));
+    parts.extend(counted(list(scene, "ball").map(ball)));
+    parts.extend(loads(scene));
+    let mut sentence = parts.join("; ");
+    if let Some(first) = sentence.get(..1).map(str::to_uppercase) {
+        sentence.replace_range(..1, &first);
+    }
+    sentence
+}
+
+fn list<'s>(scene: &'s Value, table: &str) -> impl Iterator<Item = &'s Value> {
+    scene[table].as_array().into_iter().flatten()
+}
+
+/// Returns equal descriptions once, with their number.
+fn counted(descriptions: impl Iterator<Item = String>) -> Vec<String> {
+    let mut counts: Vec<(String, usize)> = Vec::new();
+    for description in descriptions {
+        match counts.iter_mut().find(|(other, _)| *other == description) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((description, 1)),
+        }
+    }
+    let words =
+        |(description, count)| if count == 1 { description } else { format!("{count} times {description}") };
+    counts.into_iter().map(words).collect()
+}
+
+fn plate(scene: &Value) -> String {
+    let plate = &scene["plate"];
+    let number = |key: &str| plate[key].as_f64();
+    let (modulus, density) = (number("youngs_modulus").unwrap_or(0.0), number("density").unwrap_or(0.0));
+    let within = |value: f64, [low, high]: [f64; 2]| (low..=high).contains(&value);
+    let material = MATERIALS.iter().find(|(_, e, rho)| within(modulus / 1e9, *e) && within(density, *rho));
+    let material = material
+        .map_or_else(|| format!("E = {}", engineering(modulus, "Pa")), |(name, ..)| (*name).to_owned());
+    let thickness = match number("thickness") {
+        Some(thickness) => format!("{} thick", engineering(thickness, "m")),
+        None => "of varying thickness".into(),
+    };
+    let size = match [number("length"), number("width")] {
+        [Some(length), Some(width)] => {
+            format!(", {} x {}", engineering(length, "m"), engineering(width, "m"))
+        }
+        _ => String::new(),
+    };
+    format!("{material}, {thickness}{size}")
+}
+
+/// Returns the supports, those of a kind together.
+fn supports(scene: &Value) -> String {
+    let mut kinds: Vec<(String, Vec<&str>, usize)> = Vec::new();
+    for support in list(scene, "support") {
+        let kind = support["kind"].as_str().unwrap_or("supported").replace('_', " ");
+        if kinds.last().is_none_or(|(last, ..)| *last != kind) {
+            kinds.push((kind, Vec::new(), 0));
+        }
+        let Some((_, edges, points)) = kinds.last_mut() else { continue };
+        match support["edge"].as_str() {
+            Some(edge) => edges.push(edge),
+            None => *points += 1,
+        }
+    }
+    let words = |(kind, edges, points): (String, Vec<&str>, usize)| {
+        let edges = (!edges.is_empty()).then(|| format!("along {}", edges.join(", ")));
+        let points = match points {
+            0 => None,
+            1 => Some("at a point".to_owned()),
+            count => Some(format!("at {count} points")),
+        };
+        format!("{kind} {}", edges.into_iter().chain(points).collect::<Vec<_>>().join(" and "))
+    };
+    if kinds.is_empty() {
+        "free edges".into()
+    } else {
+        kinds.into_iter().map(words).collect::<Vec<_>>().join(", ")
+    }
+}
+
+fn stop(obstacle: &Value) -> String {
+    let side = obstacle["side"].as_str().unwrap_or("below");
+    let place = if obstacle["at"].is_array() || obstacle["point"].is_string() { "at a point " } else { "" };
+    let stop = match obstacle["stiffness"].as_f64() {
+        Some(_) => "compliant stop",
+        None => "rigid stop",
+    };
+    match obstacle["height"].as_f64() {
+        Some(0.0) => format!("a {stop} {place}touching from {side}"),
+        Some(height) => format!("a {stop} {place}{} {side}", engineering(height.abs(), "m")),
+        None => format!("a {stop} {place}of given height {side}"),
+    }
+}
+
+fn ball(ball: &Value) -> String {
+    let mass = ball["mass"].as_f64().unwrap_or(0.0);
+    format!("a ball of {}", engineering(1e3 * mass, "g"))
+}
+
+fn loads(scene: &Value) -> Vec<String> {
+    let mut parts = Vec::new();
+    let mut add = |what: &str, value: &Value, unit: &str| match value.as_f64() {
+        Some(0.0) => {}
+        Some(number) => parts.push(format!("{what} {}", engineering(number, unit))),
+        None if value.is_null() => {}
+        None => parts.push(format!("{what} by a formula or a table")),
+    };
+    add("pressure", &scene["load"]["pressure"], "Pa");
+    add("bent at the start by", &scene["initial"]["static_pressure"], "Pa");
+    add("thrown at", &scene["initial"]["velocity"], "m/s");
+    if list(&scene["load"], "force").next().is_some() {
+        parts.push("point forces".into());
+    }
+    if scene["load"]["gravity"].as_f64().is_some_and(|gravity| gravity != 0.0) {
+        parts.push("gravity".into());
+    }
+    parts
+}
