@@ -11,6 +11,7 @@ mod hard_scenes;
 pub mod launch;
 mod execution;
 mod job;
+mod modes;
 mod new_scene;
 mod plot;
 mod printing;
@@ -48,11 +49,12 @@ Exit codes: 0 done; 2 scene or command line; 3 a solver did not converge; 4 read
 5 the energy guard stopped the run; 130 interrupted, with a checkpoint written.";
 
 /// Commands in the order of the help.
-static COMMANDS: [Entry; 16] = [
+static COMMANDS: [Entry; 17] = [
     Entry::new::<run::Run>("run").on_ranks(),
     Entry::new::<resume::Resume>("resume").on_ranks(),
     Entry::new::<check::Check>("check"),
     Entry::new::<check::Inspect>("inspect"),
+    Entry::new::<modes::ModesArgs>("modes"),
     Entry::new::<compare::Compare>("compare").on_ranks(),
     Entry::new::<study::Study>("study"),
     Entry::new::<sweep::SweepArgs>("sweep").on_ranks(),

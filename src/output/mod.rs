@@ -33,6 +33,7 @@ pub mod report;
 pub mod resolved;
 pub mod run_files;
 pub(crate) mod run_folder;
+pub mod shapes;
 pub mod summary;
 pub mod text;
 pub mod vtu;

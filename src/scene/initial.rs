@@ -34,6 +34,17 @@ table! {
 }
 
 impl Initial {
+    /// Returns the start of a flat plate at rest.
+    pub fn flat() -> Initial {
+        Initial {
+            static_pressure: zero("static_pressure"),
+            equilibrium: false,
+            deflection: zero("deflection"),
+            velocity: zero("velocity"),
+            from: None,
+        }
+    }
+
     /// Returns the key that gives the initial deflection.
     pub fn key(&self) -> &str {
         match self {

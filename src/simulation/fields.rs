@@ -191,6 +191,12 @@ impl Fields {
         Ok(Some(fields))
     }
 
+    /// Returns the grid with the deflections of a displacement in the frame of the supports, over
+    /// the dofs of this rank's cells.
+    pub fn surface(&self, u: &[f64]) -> (&Lattice, Vec<f64>) {
+        (&self.lattice, self.evaluate(&self.motion.relative(u), 0))
+    }
+
     /// Returns the points opposite to an obstacle of a region. Collective.
     fn opposite(
         &self,

@@ -12,6 +12,7 @@ mod gallery;
 mod inspect;
 mod interrupted;
 mod limits;
+mod modes;
 mod output;
 mod overwriting;
 mod pages;

@@ -164,7 +164,8 @@ impl Ramp {
         let finite = ends.into_iter().filter(|end| end.is_finite());
         let (name, one) = unit(symbol, finite.map(f64::abs).fold(0.0, f64::max));
         let end = |value: f64| if value.is_finite() { short(value / one) } else { String::new() };
-        Ramp { label: format!("{quantity} ({name})"), ends: ends.map(end), color }
+        let label = if name.is_empty() { quantity.to_owned() } else { format!("{quantity} ({name})") };
+        Ramp { label, ends: ends.map(end), color }
     }
 }
 

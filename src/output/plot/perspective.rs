@@ -6,7 +6,7 @@ use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp};
 use crate::geometry::range;
-use crate::output::text::significant;
+use crate::output::text::{engineering, significant};
 use crate::output::vtu::{Surface, boundary, held_points};
 
 /// Largest number of snapshots in a figure.
@@ -19,9 +19,13 @@ const DISTANCE: f64 = 4.0;
 /// Least height of the drawn deflections relative to the plate's length.
 const RELIEF: f64 = 0.3;
 
+/// Height of the shape of a mode relative to the plate's length.
+const MODE: f64 = 0.1;
+
 const OUTLINE: Pen = Pen::solid(Color::GREY, 0.5);
 const HIDDEN: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.6], width: 0.5 };
 const HELD: Pen = Pen::solid(Color::BLACK, 2.4);
+const NODAL: Pen = Pen::solid(Color::BLACK, 0.7);
 const REMARK: Type = Type::new(6.5);
 /// Height of the line with the time, in points.
 const BAND: f64 = 10.0;
@@ -52,12 +56,14 @@ pub enum ColorBy {
     /// Largest von Mises stress of a run, which belongs to no instant: the plate is flat, the faces
     /// have the colours of their means, and the place of the largest value is marked.
     Envelope,
+    /// Shape of a mode, with its nodal lines; its frequency (Hz) takes the place of the time.
+    Mode,
 }
 
 impl ColorBy {
     fn values(self, surface: &Surface) -> &[f64] {
         match self {
-            ColorBy::Deflection => &surface.deflection,
+            ColorBy::Deflection | ColorBy::Mode => &surface.deflection,
             ColorBy::VonMises | ColorBy::Envelope => &surface.von_mises,
         }
     }
@@ -68,6 +74,7 @@ impl ColorBy {
             ColorBy::Deflection => ["deflection", "m"],
             ColorBy::VonMises => ["von Mises stress", "Pa"],
             ColorBy::Envelope => ["largest von Mises stress", "Pa"],
+            ColorBy::Mode => ["mode shape", ""],
         }
     }
 }
@@ -83,6 +90,13 @@ pub fn frames(snapshots: Vec<(f64, Surface)>, title: &str) -> Vec<Figure> {
 pub fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
     let columns = snapshots.len().clamp(1, 2);
     let (ramp, panels) = views(snapshots, by, 2.0 * HALF / columns as f64);
+    panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
+}
+
+/// Draws the shapes of modes (frequency in Hz, surface), with their nodal lines.
+pub fn modes(modes: Vec<(f64, Surface)>, title: &str) -> Figure {
+    let columns = modes.len().clamp(1, 3);
+    let (ramp, panels) = views(modes, ColorBy::Mode, 2.0 * HALF / columns as f64);
     panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
 }
 
@@ -107,7 +121,10 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     let size = sides.iter().map(|[low, high]| high - low).fold(0.0, f64::max);
     let heights = snapshots.iter().flat_map(|(_, surface)| surface.obstacles.iter().flatten().copied());
     let heights = range(&mut heights.chain([low, high, 0.0]));
-    let scale = relief_scale(heights[0], heights[1], size);
+    let scale = match by {
+        ColorBy::Mode => MODE * size,
+        _ => relief_scale(heights[0], heights[1], size),
+    };
 
     let view = View { sides, size, scale };
     let wall = |(_, surface): &(f64, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
@@ -124,7 +141,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     let share = move |w: f64| if high > low { (w - low) / (high - low) } else { 0.5 };
     let [quantity, symbol] = by.quantity();
     let mut ramp = Ramp::new(quantity, symbol, [low, high].map(end), depth);
-    if scale != 1.0 {
+    if scale != 1.0 && by != ColorBy::Mode {
         ramp.label += &format!(", drawn ×{scale}");
     }
     let last = snapshots.iter().map(|(time, _)| *time).fold(0.0, f64::max);
@@ -150,6 +167,9 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
                 let mean = face.iter().map(|&p| by.values(&surface)[p]).sum::<f64>() / face.len() as f64;
                 let color = depth(share(mean));
                 paper.polygon(&corners, color, Some(Pen::solid(color.towards(Color::BLACK, 0.18), 0.15)));
+                if let Some(line) = nodal_line(&surface, face).filter(|_| by == ColorBy::Mode) {
+                    paper.polyline(&line.map(drawn), NODAL);
+                }
             }
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
                 paper.circle(drawn(surface.place(point)), 0.9, MARK, None);
@@ -161,6 +181,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
                     paper.circle(drawn([x, y, 0.0]), 1.6, MARK, None);
                     format!("largest at ({}, {}) m", significant(x), significant(y))
                 }
+                None if by == ColorBy::Mode => engineering(time, "Hz"),
                 None => format!("t = {} {clock}", significant(time / tick)),
             };
             paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
@@ -184,6 +205,22 @@ fn held(snapshots: &[(f64, Surface)]) -> Vec<[[f64; 2]; 2]> {
             [beyond(b, a), beyond(a, b)]
         })
         .collect()
+}
+
+/// Returns the ends of the nodal line of a mode in a face, if it has one.
+fn nodal_line(surface: &Surface, face: &[usize]) -> Option<[Space; 2]> {
+    let sides = face.iter().zip(face.iter().cycle().skip(1));
+    let crossing = |(&a, &b): (&usize, &usize)| {
+        let [from, to] = [surface.deflection[a], surface.deflection[b]];
+        let share = from / (from - to);
+        let between = |axis: usize| {
+            let [from, to] = [a, b].map(|point| surface.points[point][axis]);
+            from + share * (to - from)
+        };
+        ((from < 0.0) != (to < 0.0)).then(|| [between(0), between(1), 0.0])
+    };
+    let mut ends = sides.filter_map(crossing);
+    Some([ends.next()?, ends.next()?])
 }
 
 /// Draws an obstacle at single points as a peg that stands below the plate or hangs above it.

@@ -1,0 +1,112 @@
+//! Shapes of the lowest natural modes of a scene's plate.
+
+use super::frequencies::on_native_engine;
+use crate::error::Result;
+use crate::linalg::Engine;
+use crate::modes::{self, Mode};
+use crate::output::plot::{self, Figure, perspective};
+use crate::output::text::{Table, engineering, grouped};
+use crate::output::vtu::Surface;
+use crate::output::{shapes, summary, write_atomic};
+use crate::scene::{Initial, Mass, Scene, Snapshots};
+use crate::scheme::System;
+use crate::simulation::{Lattice, Model};
+use serde::Serialize;
+use std::fmt;
+use std::path::Path;
+
+/// Name of the table of frequencies in the folder of the modes.
+const TABLE: &str = "modes.csv";
+
+/// Name of the summary in that folder.
+const SUMMARY: &str = "modes.json";
+
+/// Number of parts of each edge of a cell at which shapes are evaluated, unless the scene says.
+const PARTS: usize = 4;
+
+/// Lowest natural modes of a scene, with the consistent mass.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ModeShapes {
+    /// Title of the scene.
+    pub title: String,
+    /// Number of free dofs.
+    pub dofs: usize,
+    /// Frequencies, in Hz, ascending; 0 for rigid motions.
+    pub frequencies: Vec<f64>,
+    /// Shapes on a fine grid, each with 1 as its largest value.
+    #[serde(skip)]
+    shapes: Vec<Surface>,
+}
+
+impl ModeShapes {
+    /// Computes the `count` lowest modes of a scene, or fewer if there are no more. Nothing
+    /// touches; balls are in the air.
+    ///
+    /// # Errors
+    /// Returns the errors of [`Model::new`] and of [`modes::shapes`].
+    pub fn new(scene: &Scene, count: usize) -> Result<ModeShapes> {
+        let mut scene = on_native_engine(scene);
+        scene.time.mass = Mass::Consistent;
+        scene.initial = Initial::flat();
+        scene.attachments.balls.clear();
+        scene.output.probes.clear();
+        let subdivide = scene.output.fields.map_or(PARTS, |fields| fields.subdivide);
+        scene.output.fields = Some(Snapshots { every: 1, subdivide, stresses: false });
+        let model = Model::new(&scene)?;
+        let System { engine, stiffness, mass, .. } = &model.system;
+        let modes = modes::shapes(engine, stiffness, mass, count, model.mechanism.is_some())?;
+        let shape = |mode: &Mode| {
+            let (Lattice { points, cells, parents }, w) = model.fields.as_ref()?.surface(&mode.shape);
+            let largest =
+                w.iter().fold(0.0, |largest: f64, w| if w.abs() > largest.abs() { *w } else { largest });
+            Some(Surface {
+                points: points.clone(),
+                cells: cells.clone(),
+                parents: parents.clone(),
+                deflection: w.into_iter().map(|w| w / largest).collect(),
+                ..Surface::default()
+            })
+        };
+        Ok(ModeShapes {
+            title: scene.title.clone(),
+            dofs: engine.dofs(),
+            shapes: modes.iter().filter_map(shape).collect(),
+            frequencies: modes.into_iter().map(|mode| mode.frequency).collect(),
+        })
+    }
+
+    /// Returns whether a folder of modes has a file or folder of a name.
+    pub fn is_file(name: &str) -> bool {
+        [TABLE, SUMMARY, shapes::FILE, plot::FOLDER, shapes::FOLDER].contains(&name)
+    }
+
+    /// Writes frequencies, pictures, and the shapes for ParaView.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Io`] where a file cannot be written.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let rows = self.frequencies.iter().enumerate();
+        let rows: String = rows.map(|(i, frequency)| format!("{},{frequency}\n", i + 1)).collect();
+        shapes::write(folder, self.frequencies.iter().copied().zip(&self.shapes))?;
+        write_atomic(&folder.join(TABLE), format!("mode,frequency\n{rows}").as_bytes())?;
+        let modes = self.frequencies.iter().copied().zip(self.shapes.iter().cloned());
+        let figure = perspective::modes(modes.collect(), &self.title);
+        Figure::write_all(&folder.join(plot::FOLDER), &[("modes", figure)])?;
+        summary::write_json(&folder.join(SUMMARY), self)
+    }
+}
+
+impl fmt::Display for ModeShapes {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        writeln!(f, "{}: {} dofs, consistent mass", self.title, grouped(self.dofs as u64))?;
+        let mut table = Table::new(&["mode", "frequency", "period"]);
+        for (number, &frequency) in self.frequencies.iter().enumerate() {
+            let [frequency, period] = match frequency {
+                0.0 => ["0 Hz, rigid motion".into(), "-".into()],
+                frequency => [engineering(frequency, "Hz"), engineering(1.0 / frequency, "s")],
+            };
+            table.row([(number + 1).to_string(), frequency, period]);
+        }
+        write!(f, "{table}")
+    }
+}
