@@ -1,7 +1,7 @@
 //! Reading of files that a user names: plain files only, whole, and of a bounded size; and opening
 //! and writing of files of the program.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, suggestion};
 use crate::memory;
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions};
@@ -19,7 +19,7 @@ pub const LARGEST_SCENE: u64 = 4_000_000;
 /// one larger than the memory that is left.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     let refuse = |why: String| Error::io(path)(io::Error::new(io::ErrorKind::InvalidInput, why));
-    let metadata = fs::metadata(path).map_err(Error::io(path))?;
+    let metadata = fs::metadata(path).map_err(|why| Error::io(path)(with_nearest(path, why)))?;
     require_file(&metadata).map_err(Error::io(path))?;
     let too_large = |size: u64| {
         let (size, most) = (memory::size(size), memory::size(most));
@@ -40,6 +40,17 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
         return Err(too_large(bytes.len() as u64));
     }
     Ok(bytes)
+}
+
+/// Adds the nearest name in its folder to the error of a file that is not there.
+fn with_nearest(path: &Path, why: io::Error) -> io::Error {
+    let (Some(name), io::ErrorKind::NotFound) = (path.file_name(), why.kind()) else { return why };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let files = fs::read_dir(folder).into_iter().flatten().flatten();
+    let names: Vec<String> = files.map(|file| file.file_name().to_string_lossy().into_owned()).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let hint = suggestion(&name.to_string_lossy(), &names);
+    io::Error::new(why.kind(), format!("there is no such file{hint}"))
 }
 
 /// Opens a file that this program writes, or one that it wrote, by its own name.

@@ -87,6 +87,10 @@ pub(super) const FUNCTIONS: [(&str, Function); 28] = [
 ];
 
 /// Constants by name.
+/// Units that stand in formulas by mistake.
+const UNITS: [&str; 14] =
+    ["Pa", "kPa", "MPa", "GPa", "Hz", "kHz", "N", "kN", "mm", "um", "ms", "us", "deg", "kg"];
+
 const CONSTANTS: [(&str, f64); 2] = [("pi", std::f64::consts::PI), ("e", std::f64::consts::E)];
 
 /// Binding powers of operators: to the left, and the least accepted to the right.
@@ -431,6 +435,9 @@ impl<'a> Parser<'a> {
         let token = cut(&self.text[self.span.clone()]);
         let hint = match self.token {
             Token::Symbol(",") => "; a decimal point is written .",
+            _ if UNITS.contains(&&self.text[self.span.clone()]) => {
+                "; a formula has no units, its key has one"
+            }
             Token::Symbol(_) if self.infix().is_some() => "",
             _ => "; a product is written with *",
         };

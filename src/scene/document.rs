@@ -77,7 +77,10 @@ impl<'a> Document<'a> {
         })?;
         let table = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(text.len(), |span| span.start);
-            error_at(&position(file, bytes, offset), &syntax(&error))
+            let is_comma = text[offset..].starts_with(',')
+                && text[offset + 1..].starts_with(|c: char| c.is_ascii_digit());
+            let hint = if is_comma { "; a decimal point is written ." } else { "" };
+            error_at(&position(file, bytes, offset), &(syntax(&error) + hint))
         })?;
         let root =
             Node { place: SourcePlace::Byte(0), value: Value::table(table.get_ref(), &SourcePlace::Byte) };

@@ -169,10 +169,10 @@ pub fn is_one(name: &str) -> bool {
 /// Returns [`Error::Usage`] where no step is left, the error that ends a run, and [`Error::Io`]
 /// where a file cannot be written.
 pub fn figures(folder: &Path, smallest: f64, command: &str, starts: &mut dyn FnMut(&str)) -> Result<Claims> {
-    if !STEPS.iter().any(|step| *step >= smallest) {
+    if STEPS.iter().filter(|step| **step >= smallest).count() < 2 {
         return Err(Error::Usage(format!(
-            "--smallest-step {smallest:e} leaves out every step; expected at most {:e} s",
-            STEPS[0]
+            "--smallest-step {smallest:e} leaves fewer than two steps, which show no trend; expected at most {:e} s",
+            STEPS[1]
         )));
     }
     let mut runs = Runs { known: HashMap::new(), starts };

@@ -55,6 +55,7 @@ pub(super) fn judged(
     matrices: Option<(&Model, &Frequencies)>,
 ) -> Vec<String> {
     let mut warnings = notes.to_vec();
+    warnings.extend(of_units(scene));
     warnings.extend(of_scene(scene));
     warnings.extend(in_time::warnings(scene));
     warnings.extend(points::warnings(scene));
@@ -62,6 +63,37 @@ pub(super) fn judged(
         warnings.extend(of_step(scene, frequencies));
         warnings.extend(of_inf_sup(scene, model));
         warnings.extend(linearity::warning(scene, model));
+    }
+    warnings
+}
+
+/// Range of Young's moduli (Pa), from rubber to diamond, and of densities (kg/m3), from foam to
+/// osmium.
+const MODULI: [f64; 2] = [1e5, 2e12];
+const DENSITIES: [f64; 2] = [5.0, 25e3];
+
+/// Longest plate, in m.
+const LONGEST: f64 = 1e3;
+
+/// Warns of numbers that no plate has, which other units explain.
+fn of_units(scene: &Scene) -> Vec<String> {
+    let plates = scene.parts.iter().enumerate().map(|(number, part)| (format!("part.{number}"), &part.plate));
+    let mut warnings = Vec::new();
+    let mut judge = |key: String, value: f64, unit: &str, [low, high]: [f64; 2], usual: &str| {
+        if !(low..=high).contains(&value) {
+            let value = significant(value);
+            warnings.push(format!("{key} = {value} {unit} is the value of no material: {usual}"));
+        }
+    };
+    for (table, plate) in std::iter::once(("plate".to_owned(), &scene.plate.plate)).chain(plates) {
+        let modulus = format!("{table}.youngs_modulus");
+        judge(modulus, plate.youngs_modulus, "Pa", MODULI, "steel has 210e9 Pa");
+        judge(format!("{table}.density"), plate.density, "kg/m3", DENSITIES, "steel has 7850 kg/m3");
+    }
+    for (side, length) in [("length", scene.plate.length), ("width", scene.plate.width)] {
+        if length > LONGEST {
+            warnings.push(format!("plate.{side} = {} m: lengths are in m", significant(length)));
+        }
     }
     warnings
 }

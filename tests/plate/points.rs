@@ -30,7 +30,7 @@ fn a_point_holds_no_slope() {
     for kind in ["clamped", "guided"] {
         let said = warnings(&format!(r#"{{ at = [0.09, 0.09], kind = "{kind}" }}, {EDGE}"#), "");
         assert_eq!(said.len(), 1, "{said:?}");
-        assert!(said[0].contains("support.0.at") && said[0].contains("disc"), "{said:?}");
+        assert!(said[0].contains("support.0.at") && said[0].contains("washer"), "{said:?}");
     }
     let pinned = r#"{ at = [0.09, 0.09], kind = "simply_supported" }"#;
     assert_eq!(warnings(&format!("{pinned}, {EDGE}"), ""), [""; 0]);

@@ -262,3 +262,21 @@ fn random_doubled_nodes() {
 fn ten_thousand_random_doubled_nodes() {
     random_doubles(10_000);
 }
+
+#[test]
+fn files_of_other_kinds_are_named_with_a_remedy() {
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
+    for (name, bytes, words) in [
+        ("pointer.msh", "version https://git-lfs.github.com/spec/v1\n", ["Git LFS", "git lfs pull"]),
+        ("bracket.step", "ISO-10303-21;\nHEADER;\n", ["STEP", ".msh"]),
+        ("bracket.stl", "solid bracket\n", ["STL", ".msh"]),
+        ("bracket.inp", "*Heading\n** a job\n", ["Abaqus", "meshio"]),
+        ("bracket.geo", "Point(1) = {0, 0, 0};\n", ["script of Gmsh", "gmsh -2"]),
+    ] {
+        let file = folder.join(name);
+        std::fs::write(&file, bytes).unwrap();
+        assert_refused(&refusal(&text(&file.to_string_lossy(), "", CLAMPED)), &words);
+    }
+    let lost = refusal(&text(&folder.join("braket.step").to_string_lossy(), "", CLAMPED)).to_string();
+    assert!(lost.contains("no such file") && lost.contains("did you mean bracket.step?"), "{lost}");
+}

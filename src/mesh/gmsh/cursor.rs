@@ -18,6 +18,19 @@ pub enum Encoding {
     BigEndian,
 }
 
+/// Beginnings of files that are no meshes of Gmsh, with what they are and what to do.
+const FOREIGN: [(&[u8], &str); 9] = [
+    (b"version", "a pointer of Git LFS in place of the mesh; `git lfs pull` fetches the mesh itself"),
+    (b"ISO-10303-21", "a geometry (STEP) without a mesh; mesh it in Gmsh, and save it as .msh"),
+    (b"solid", "a surface (STL) without a mesh of the plane; mesh it in Gmsh, and save it as .msh"),
+    (b"DBRep_DrawableShape", "a geometry (BREP) without a mesh; mesh it in Gmsh, and save it as .msh"),
+    (b"<?xml", "an XML file; open it in Gmsh or meshio, and save it as .msh"),
+    (b"*", "an input file of Abaqus; open it in Gmsh or meshio, and save it as .msh"),
+    (b"SOL", "an input file of Nastran; open it in Gmsh or meshio, and save it as .msh"),
+    (b"BEGIN", "an input file of Nastran; open it in Gmsh or meshio, and save it as .msh"),
+    (b"Point(", "a script of Gmsh (.geo); `gmsh -2 FILE.geo` makes its mesh, a .msh file"),
+];
+
 /// Position in a file, which every read advances. The `expected` arguments say in error messages
 /// what should stand there.
 #[derive(Default)]
@@ -157,7 +170,13 @@ impl<'a> Cursor<'a> {
         let name = word.strip_prefix(b"$").and_then(|name| std::str::from_utf8(name).ok());
         match name {
             Some(name) => Ok(Some((name, place))),
-            None => Err(self.unexpected(place, "a section ($Nodes, $Elements, ...)", word)),
+            None => {
+                let is_of = |(beginning, _): &&(&[u8], &str)| word.starts_with(beginning);
+                match FOREIGN.iter().find(is_of).filter(|_| self.bytes[..place].trim_ascii().is_empty()) {
+                    Some((_, what)) => Err(self.fault(place, format_args!("the file is {what}"))),
+                    None => Err(self.unexpected(place, "a section ($Nodes, $Elements, ...)", word)),
+                }
+            }
         }
     }
 
