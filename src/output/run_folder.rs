@@ -53,10 +53,39 @@ impl RunFolder {
         obstacles(&self.summary["scene"], &self.opposite)
     }
 
-    /// Reads at most `most` snapshots, with their times in s.
+    /// Reads at most `most` snapshots, with their times in s: those nearest to the start, the first
+    /// impact, the largest deflection, the lowest and the highest position of a probe, and the end;
+    /// others between them where these are fewer.
     pub fn surfaces(&self, most: usize) -> Result<Vec<(f64, Surface)>> {
-        let chosen = perspective::spread(&self.snapshots, most).into_iter();
-        chosen.map(|(time, path)| Ok((*time, vtu::read(path)?))).collect()
+        let nearest = |time: f64| {
+            let distance = |(other, _): &(f64, PathBuf)| (other - time).abs();
+            let order = |a: &&(f64, PathBuf), b: &&(f64, PathBuf)| distance(a).total_cmp(&distance(b));
+            self.snapshots.iter().min_by(order)
+        };
+        let told = self.moments().into_iter().filter_map(nearest);
+        let mut chosen: Vec<&(f64, PathBuf)> = Vec::new();
+        for snapshot in told.chain(perspective::spread(&self.snapshots, most)) {
+            if chosen.len() < most && !chosen.contains(&snapshot) {
+                chosen.push(snapshot);
+            }
+        }
+        chosen.sort_by(|a, b| a.0.total_cmp(&b.0));
+        chosen.into_iter().map(|(time, path)| Ok((*time, vtu::read(path)?))).collect()
+    }
+
+    /// Returns the times (s) that a reader wants to see, the most important ones first.
+    fn moments(&self) -> Vec<f64> {
+        let RunFolder { summary, table, .. } = self;
+        let times = table.column("time").unwrap_or_default();
+        let told = ["first_impact", "largest_deflection"].map(|event| summary[event]["time"].as_f64());
+        let mut moments: Vec<f64> = times.first().into_iter().chain(times.last()).copied().collect();
+        moments.extend(told.into_iter().flatten());
+        if let Some((.., values)) = table.deflections().next() {
+            let order = |a: &(&f64, &f64), b: &(&f64, &f64)| a.1.total_cmp(b.1);
+            let ends = [times.iter().zip(values).min_by(order), times.iter().zip(values).max_by(order)];
+            moments.extend(ends.into_iter().flatten().map(|(time, _)| *time));
+        }
+        moments
     }
 
     /// Draws all pictures.

@@ -198,6 +198,7 @@ fn prefixed(symbol: &str, exponent: i32) -> String {
         (_, -3) => format!("m{symbol}"),
         (_, -6) => format!("µ{symbol}"),
         (_, -9) => format!("n{symbol}"),
+        (_, -12) => format!("p{symbol}"),
         _ => format!("{} {symbol}", power_of_ten(exponent)),
     }
 }

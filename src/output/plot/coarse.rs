@@ -1,11 +1,14 @@
 //! Coarser faces for fine surfaces, of which a picture shows no more.
 
 use crate::geometry::range;
-use crate::output::vtu::Surface;
+use crate::output::vtu::{Surface, boundary};
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Number of faces above which a surface is drawn on a coarser grid with about as many.
 const MOST_FACES: usize = 3000;
+
+/// Cosine of the angle up to which the sides of a rim run straight on.
+const STRAIGHT: f64 = 0.9;
 
 /// Replaces the faces of a fine surface by one face per cell of the mesh.
 fn merged(mut surface: Surface) -> Surface {
@@ -36,64 +39,81 @@ fn merged(mut surface: Surface) -> Surface {
     surface
 }
 
-/// Reduces the faces of a fine surface to those of the mesh, or to those of a grid.
-///
-/// The grid serves where the mesh has too many faces as well; its points take the nearest values.
+/// Reduces the faces of a fine surface to those of the mesh or, where the mesh has too many faces
+/// as well, by clustering of its points (Rossignac and Borrel, *Multi-resolution 3D approximations
+/// for rendering complex scenes*, 1993). Rims, holes and corners stay.
 pub fn coarsened(surface: Surface) -> Surface {
     if surface.cells.len() <= MOST_FACES {
         return surface;
     }
     let cells = surface.parents.iter().collect::<HashSet<_>>().len();
-    if cells <= MOST_FACES {
-        return merged(surface);
-    }
+    if cells <= MOST_FACES { merged(surface) } else { clustered(&surface) }
+}
+
+/// Replaces the points in each square of a grid by one of them: a corner of the rim, else the point
+/// of the rim or, inside, of all that is nearest to the square's centre.
+fn clustered(surface: &Surface) -> Surface {
     let ends = |axis: usize| range(surface.points.iter().map(|point| point[axis]));
     let [[left, right], [front, back]] = [ends(0), ends(1)];
     let spacing = ((right - left) * (back - front) / MOST_FACES as f64).sqrt();
-    let parts = |length: f64| (length / spacing).round().max(1.0) as usize;
-    let [nx, ny] = [parts(right - left), parts(back - front)];
-    let [dx, dy] = [(right - left) / nx as f64, (back - front) / ny as f64];
-    // The map has the distance to the nearest point, and that point, by position in the grid.
-    let mut nearest: HashMap<(usize, usize), (f64, usize)> = HashMap::new();
-    for (number, &[x, y]) in surface.points.iter().enumerate() {
-        let [i, j] = [(x - left) / dx, (y - front) / dy];
-        let distance = (i - i.round()).hypot(j - j.round());
-        let best = nearest.entry((i.round() as usize, j.round() as usize)).or_insert((distance, number));
-        if distance < best.0 {
-            *best = (distance, number);
+    let ranks = ranks(surface);
+    let mut chosen: HashMap<[i64; 2], (u8, f64, usize)> = HashMap::new();
+    let square = |[x, y]: [f64; 2]| [(x - left) / spacing, (y - front) / spacing];
+    for (number, &point) in surface.points.iter().enumerate() {
+        let [i, j] = square(point);
+        let distance = (i - i.floor() - 0.5).hypot(j - j.floor() - 0.5);
+        let candidate = (ranks[number], distance, number);
+        let best = chosen.entry([i.floor() as i64, j.floor() as i64]).or_insert(candidate);
+        if (candidate.0, candidate.1) < (best.0, best.1) {
+            *best = candidate;
         }
     }
-    let mut coarse = Surface::default();
-    let mut numbers = HashMap::new();
-    for (&(i, j), &(_, point)) in &nearest {
-        numbers.insert((i, j), coarse.points.len());
-        coarse.points.push([left + dx * i as f64, front + dy * j as f64]);
-        coarse.deflection.push(surface.deflection[point]);
-        coarse.von_mises.extend(surface.von_mises.get(point));
-        for (coarse, fine) in coarse.obstacles.iter_mut().zip(&surface.obstacles) {
-            coarse.extend(fine.get(point));
-        }
-    }
-    for j in 0..ny {
-        for i in 0..nx {
-            let corners =
-                [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)].map(|place| numbers.get(&place).copied());
-            if let [Some(a), Some(b), Some(c), Some(d)] = corners {
-                coarse.cells.push(vec![a, b, c, d]);
-            }
-        }
-    }
+    let representative = |point: usize| chosen[&square(surface.points[point]).map(|i| i.floor() as i64)].2;
+    let mut kept: Vec<usize> = chosen.values().map(|(.., point)| *point).collect();
     // Points in contact keep their positions.
-    let points = surface.points.iter().zip(surface.deflection.iter().zip(&surface.reaction));
-    for (number, (&place, (&w, &r))) in points.enumerate() {
-        coarse.reaction.resize(coarse.points.len(), 0.0);
-        if r != 0.0 {
-            coarse.points.push(place);
-            coarse.deflection.push(w);
-            coarse.von_mises.extend(surface.von_mises.get(number));
-            coarse.reaction.push(r);
-            coarse.obstacles.iter_mut().for_each(|heights| heights.push(f64::NAN));
+    kept.extend((0..surface.reaction.len()).filter(|&point| surface.reaction[point] != 0.0));
+    kept.sort_unstable();
+    kept.dedup();
+    let numbers: HashMap<usize, usize> =
+        kept.iter().enumerate().map(|(number, &point)| (point, number)).collect();
+    let take = |values: &[f64]| kept.iter().filter_map(|&point| values.get(point).copied()).collect();
+    let mut faces = HashSet::new();
+    let face = |corners: &Vec<usize>| {
+        let mut face: Vec<usize> = corners.iter().map(|&corner| numbers[&representative(corner)]).collect();
+        face.dedup();
+        if face.len() > 1 && face.first() == face.last() {
+            face.pop();
         }
+        let mut key = face.clone();
+        key.sort_unstable();
+        (face.len() > 2 && faces.insert(key)).then_some(face)
+    };
+    Surface {
+        cells: surface.cells.iter().filter_map(face).collect(),
+        points: kept.iter().map(|&point| surface.points[point]).collect(),
+        deflection: take(&surface.deflection),
+        reaction: take(&surface.reaction),
+        obstacles: [take(&surface.obstacles[0]), take(&surface.obstacles[1])],
+        von_mises: take(&surface.von_mises),
+        parents: Vec::new(),
     }
-    coarse
+}
+
+/// Returns 0 for points at corners of the rim, 1 on the rest of the rim, and 2 inside.
+fn ranks(surface: &Surface) -> Vec<u8> {
+    let mut sides: HashMap<usize, Vec<[f64; 2]>> = HashMap::new();
+    for [a, b] in boundary(&surface.cells) {
+        let [from, to] = [a, b].map(|point| surface.points[point]);
+        let along = [to[0] - from[0], to[1] - from[1]];
+        sides.entry(a).or_default().push(along);
+        sides.entry(b).or_default().push(along.map(|x| -x));
+    }
+    let mut ranks = vec![2; surface.points.len()];
+    for (point, sides) in sides {
+        // Two sides in one line point away from each other.
+        let is_straight = matches!(sides[..], [[a, b], [c, d]]
+            if -(a * c + b * d) > STRAIGHT * a.hypot(b) * c.hypot(d));
+        ranks[point] = u8::from(is_straight);
+    }
+    ranks
 }

@@ -278,6 +278,8 @@ pub(super) fn rgb(svg: &str, scale: f32, path: &Path) -> Result<([u32; 2], Vec<u
     let size = [size.width(), size.height()].map(|length| (length * scale).round() as u32);
     let mut pixels =
         Pixmap::new(size[0], size[1]).ok_or_else(|| failed(path, &"the picture is too large"))?;
+    // The last row and column may lie partly beyond the canvas.
+    pixels.fill(resvg::tiny_skia::Color::WHITE);
     resvg::render(&tree, Transform::from_scale(scale, scale), &mut pixels.as_mut());
     // The canvas is opaque, so that colours need not be divided by their opacity.
     let rgb = pixels.data().chunks_exact(4).flat_map(|rgba| [rgba[0], rgba[1], rgba[2]]).collect();

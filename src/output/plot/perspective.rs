@@ -1,6 +1,6 @@
 //! Perspective view of the deformed plate between its obstacles.
 
-use super::axis::{is_near, unit};
+use super::axis::is_near;
 use super::coarse::coarsened;
 use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
@@ -25,6 +25,8 @@ const MODE: f64 = 0.1;
 const OUTLINE: Pen = Pen::solid(Color::GREY, 0.5);
 const HIDDEN: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.6], width: 0.5 };
 const HELD: Pen = Pen::solid(Color::BLACK, 2.4);
+/// Difference of a mode shape between neighbours below which it is rounding.
+const ROUNDING: f64 = 1e-9;
 const NODAL: Pen = Pen::solid(Color::BLACK, 0.7);
 const REMARK: Type = Type::new(6.5);
 /// Height of the line with the time, in points.
@@ -144,11 +146,9 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     if scale != 1.0 && by != ColorBy::Mode {
         ramp.label += &format!(", drawn ×{scale}");
     }
-    let last = snapshots.iter().map(|(time, _)| *time).fold(0.0, f64::max);
-    let (clock, tick) = unit("s", last);
     let mut panels = Vec::new();
     for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
-        let (held, clock) = (held.clone(), clock.clone());
+        let held = held.clone();
         let [across, up] = window.size();
         let height = (width * up / across).clamp(20.0, TALLEST * width) + BAND;
         let draw = move |paper: &mut Canvas, frame: Frame| {
@@ -182,7 +182,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
                     format!("largest at ({}, {}) m", significant(x), significant(y))
                 }
                 None if by == ColorBy::Mode => engineering(time, "Hz"),
-                None => format!("t = {} {clock}", significant(time / tick)),
+                None => format!("t = {}", engineering(time, "s").replace('u', "\u{b5}")),
             };
             paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
         };
@@ -217,7 +217,8 @@ fn nodal_line(surface: &Surface, face: &[usize]) -> Option<[Space; 2]> {
             let [from, to] = [a, b].map(|point| surface.points[point][axis]);
             from + share * (to - from)
         };
-        ((from < 0.0) != (to < 0.0)).then(|| [between(0), between(1), 0.0])
+        let crosses = (from < 0.0) != (to < 0.0) && (from - to).abs() > ROUNDING;
+        crosses.then(|| [between(0), between(1), 0.0])
     };
     let mut ends = sides.filter_map(crossing);
     Some([ends.next()?, ends.next()?])

@@ -165,17 +165,40 @@ pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) 
             let (a, b) = (i.saturating_sub(1), (i + 1).min(values.len() - 1));
             (values[b] - values[a]) / (times[b] - times[a])
         };
-        let points = (0..values.len()).map(|i| [values[i], rate(i)]).collect();
+        let points: Vec<[f64; 2]> = (0..values.len()).map(|i| [values[i], rate(i)]).collect();
         let walls = opposite.get(name).into_iter().flatten().map(|&height| (height, "obstacle"));
         let span = values.iter().copied().filter(|w| w.is_finite()).fold(0.0, |m: f64, w| m.max(w.abs()));
-        let panel = Panel::new(Axis::linear("deflection", "m"), Axis::linear("velocity", "m/s"))
-            .height(100.0)
-            .curve(Curve::new(name, points).style(index).dashes(0).width(0.5));
+        let panel =
+            Panel::new(Axis::linear("deflection", "m"), Axis::linear("velocity", "m/s")).height(100.0);
+        let panel = faded(points, Curve::new(name, Vec::new()).style(index).dashes(0).width(0.5))
+            .into_iter()
+            .fold(panel, Panel::curve);
         walls
             .filter(|(height, _)| height.abs() <= 3.0 * span)
             .fold(panel, |panel, (height, remark)| panel.rule_at_x(height, remark))
     };
     panels(Figure::new(title), table.deflections().take(MOST_PROBES).map(panel).collect())
+}
+
+/// Number of shades of a path over time.
+const SHADES: usize = 12;
+
+/// Returns a path in the style of a curve, from pale at its start to full colour at its end.
+fn faded(points: Vec<[f64; 2]>, style: Curve) -> Vec<Curve> {
+    let part = points.len().div_ceil(SHADES).max(2);
+    let count = points.len().div_ceil(part).max(1);
+    let shade = |(number, first): (usize, usize)| {
+        let last = (first + part + 1).min(points.len());
+        let mut curve = style.clone();
+        curve.points = points[first..last].to_vec();
+        let age = (count - 1 - number) as f64 / count as f64;
+        curve.pen.color = curve.pen.color.towards(Color::WHITE, 0.8 * age);
+        if number + 1 < count {
+            curve.name.clear();
+        }
+        curve
+    };
+    (0..points.len()).step_by(part).enumerate().map(shade).collect()
 }
 
 /// Arranges one panel in a column, several in two columns as wide as a page.
