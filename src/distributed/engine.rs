@@ -6,7 +6,7 @@ use super::hierarchy::Hierarchy;
 use super::part::Part;
 use super::products::{CellOperator, CellProducts};
 use super::replicated::ReplicatedFactor;
-use super::substructure::{Substructure, SubstructuredFactor};
+use super::substructure::{INTERFACE, MOST_ENTRIES, Substructure, SubstructuredFactor};
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
@@ -209,11 +209,12 @@ impl Distributed {
         sum: &LinearCombination,
         contact_dofs: &[usize],
     ) -> Result<Box<dyn Factor>> {
-        if let SystemSolver::Substructures = linear
-            && let Some(factor) =
-                SubstructuredFactor::new(&self.part, sum, &self.diagonal(sum)?, contact_dofs)?
-        {
-            return Ok(Box::new(factor));
+        if let SystemSolver::Substructures = linear {
+            let most = self.context.count(INTERFACE)?.unwrap_or(MOST_ENTRIES);
+            let diagonal = self.diagonal(sum)?;
+            if let Some(factor) = SubstructuredFactor::new(&self.part, sum, &diagonal, contact_dofs, most)? {
+                return Ok(Box::new(factor));
+            }
         }
         let mut matrix = self.symmetric_matrix(sum, matches!(linear, SystemSolver::Subdomains))?;
         matrix.set_positive_definite()?;

@@ -26,8 +26,11 @@ use faer::sparse::SparseColMat;
 use std::rc::Rc;
 
 /// Largest number of entries of the Schur complements of all ranks, 0.5 GB, for which every rank
-/// factors the interface for itself.
-const MOST_ENTRIES: usize = 1 << 26;
+/// factors the interface for itself, unless the option [`INTERFACE`] says.
+pub(super) const MOST_ENTRIES: usize = 1 << 26;
+
+/// Option with that number.
+pub(super) const INTERFACE: &str = "rebond_interface_entries";
 
 /// Factor over all ranks by substructures; see the [module page](self).
 pub struct SubstructuredFactor {
@@ -83,8 +86,8 @@ impl Substructure {
 
 impl SubstructuredFactor {
     /// Factors a sum of forms with the contact dofs (dofs that this rank owns, ascending) last,
-    /// given the diagonal of the sum at all dofs that this rank owns. Returns `None` where the
-    /// interface is too large. Collective.
+    /// given the diagonal of the sum at all dofs that this rank owns. Returns `None` where the Schur
+    /// complements of all ranks have more than `most` entries. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where rounding leaves no positive definite matrix and
@@ -94,13 +97,14 @@ impl SubstructuredFactor {
         sum: &LinearCombination,
         diagonal: &[f64],
         contact_dofs: &[usize],
+        most: usize,
     ) -> Result<Option<SubstructuredFactor>> {
         let Substructure { comm, products, .. } = &**part;
         let is_own = |number: &usize| part.owned.binary_search(number).is_ok();
         let contact: Vec<usize> = contact_dofs.iter().map(|&dof| part.owned[dof]).collect();
         let kept = union(&part.shared, &contact);
         let triangles = comm.all_reduce_sum(kept.len() * (kept.len() + 1) / 2);
-        if triangles > MOST_ENTRIES {
+        if triangles > most {
             return Ok(None);
         }
         let global = |number: &usize| part.global[*number];

@@ -112,6 +112,16 @@ impl Context {
         Ok((is_set == sys::truth(true)).then(|| unsafe { text(value.as_ptr()) }))
     }
 
+    /// Returns the number that the option `name` (without its dash) gives, and marks it as used.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] for what is no number, and [`Error::Petsc`].
+    pub fn count(&self, name: &str) -> Result<Option<usize>> {
+        let wrong = |value: &str| Error::Usage(format!("-{name} {value}: expected a whole number"));
+        let number = |value: String| value.parse().map_err(|_| wrong(&value));
+        self.option(name)?.map(number).transpose()
+    }
+
     /// Sets a default for an option (name without dash) that the user did not set.
     ///
     /// Defaults may stay unused.

@@ -70,7 +70,7 @@ fn any_number_of_ranks(test: &str, scene: &str) {
     let arguments = [scene, "--set", "time.step=1e-4", "--set", "time.end=0.063", "--set", "output.every=5"];
     let native = run_native(&folder, &arguments);
     assert!(touches(&native));
-    for ranks in [2, 3, 4] {
+    for ranks in [2, 3, 5] {
         assert_agree(&run_on(&folder, ranks, &arguments), &native, &format!("{ranks} ranks"));
     }
 }
@@ -225,6 +225,23 @@ fn rank_0_speaks_and_writes_alone() {
     assert_agree(&history(&folder.join("runs/fall")), &native, "2 ranks");
     let summary = command::summary(&folder.join("runs/fall"));
     assert_eq!((&summary["status"], &summary["dofs"]), (&"done".into(), &36.into()));
+}
+
+/// An interface too large for each rank goes to MUMPS, and eight ranks are no different from two.
+#[test]
+fn large_interfaces_and_many_ranks_move_the_same() {
+    let folder = folder("interface");
+    let finer = ["fall.toml", "--set", "mesh.cells=[10, 4]"];
+    assert_same_on(&folder, 8, &finer);
+    let limit = ["--", "-rebond_interface_entries", "0"];
+    let run = ["run", "fall.toml", "--engine", "petsc", "--overwrite", "--out", "limited"];
+    let said = succeeds(&on(&folder, 3, &[&run[..], &finer[1..], &limit].concat()));
+    assert!(said.contains("first impact"), "{said}");
+    let native = run_native(&folder, &finer);
+    assert!(touches(&native));
+    assert_agree(&history(&folder.join("limited")), &native, "MUMPS on 3 ranks");
+    let wrong = on(&folder, 2, &[&run[..], &["--", "-rebond_interface_entries", "few"]].concat());
+    assert_fails(&wrong, 2, &["-rebond_interface_entries few", "expected a whole number"]);
 }
 
 #[test]
