@@ -13,14 +13,18 @@ use std::path::{Path, PathBuf};
 const CHECK: &str = "\
 Examples:
   rebond check plate.toml
+  rebond check plate.toml --scene
   rebond check plate.toml --set mesh.refine=2 --json";
 
-/// Read and validate a scene: its defaults, size, frequencies, advised step and expected time
+/// Read and validate a scene: its size, loads, frequencies, advised step, cost and warnings
 #[derive(Debug, Args)]
 #[command(after_help = CHECK)]
 pub(super) struct Check {
     #[command(flatten)]
     scene: SceneArgs,
+    /// Print the scene as well, with every default filled in
+    #[arg(long = "scene")]
+    resolved: bool,
 }
 
 const INSPECT: &str = "\
@@ -52,7 +56,8 @@ impl Execute for Check {
         let set_up = SetUpTold::new(self.scene.voice);
         let check = study::check(&scene)?;
         drop(set_up);
-        self.scene.voice.print(&check, &check)
+        let resolved = if self.resolved { format!("{}\n", check.scene) } else { String::new() };
+        self.scene.voice.print(&format!("{resolved}{check}"), &check)
     }
 }
 

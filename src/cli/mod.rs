@@ -40,7 +40,7 @@ use std::ffi::OsString;
 const BEGINNING: &str = "\
 Begin with:
   rebond new plate            # writes plate.toml, a commented scene
-  rebond check plate.toml     # every default, natural frequencies, an advised step, warnings
+  rebond check plate.toml     # its size, natural frequencies, an advised step, cost, warnings
   rebond run plate.toml       # simulates, into runs/plate
   rebond plot runs/plate      # pictures
   rebond report runs/plate    # one page with the moving plate, for a browser

@@ -86,8 +86,8 @@ impl Substructure {
 
 impl SubstructuredFactor {
     /// Factors a sum of forms with the contact dofs (dofs that this rank owns, ascending) last,
-    /// given the diagonal of the sum at all dofs that this rank owns. Returns `None` where the Schur
-    /// complements of all ranks have more than `most` entries. Collective.
+    /// given the diagonal of the sum at all dofs that this rank owns. Returns `None` where the
+    /// Schur complements of all ranks have more than `most` entries. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where rounding leaves no positive definite matrix and

@@ -227,6 +227,11 @@ fn grid<'s>(snapshot: &'s Snapshot, rank: usize) -> Grid<'s> {
     Grid { time: snapshot.time, points, cells, point_data: arrays(&POINT_DATA), cell_data }
 }
 
+/// Returns the size of the file of a snapshot, in bytes.
+pub fn size(snapshot: &Snapshot) -> u64 {
+    grid(snapshot, 0).file().len() as u64
+}
+
 /// Snapshot read back.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Surface {

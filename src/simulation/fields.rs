@@ -254,11 +254,10 @@ impl Fields {
     }
 
     /// Returns the snapshot of the present state of a scheme. Collective.
-    pub(super) fn sample<E: Engine>(
-        &self,
-        system: &System<E>,
-        scheme: &mut dyn Solution,
-    ) -> Result<Snapshot<'_>> {
+    ///
+    /// # Errors
+    /// Returns the errors of the engine and of formulas in time.
+    pub fn sample<E: Engine>(&self, system: &System<E>, scheme: &mut dyn Solution) -> Result<Snapshot<'_>> {
         let System { engine, bounds, .. } = system;
         let velocity = scheme.velocity()?;
         let (u, rate) = (engine.to_local(scheme.displacement())?, engine.to_local(&velocity)?);

@@ -12,12 +12,13 @@ use crate::assembly::{self, CellArrays};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Made, Mesh, Point};
-use crate::output::text::{Report, significant};
+use crate::output::text::{Report, engineering, grouped, short, significant};
+use crate::output::vtu;
 use crate::scene::{FieldInput, Mass, Scene};
 use crate::scheme::exact::expected_candidates;
 use crate::scheme::{self, System};
 use crate::simulation::{
-    self, LinearChoice, LoadTotal, Matrices, Model, QuickestRanks, Resultant, StressPeak,
+    self, Fields, LinearChoice, LoadTotal, Matrices, Model, QuickestRanks, Resultant, StressPeak,
 };
 use serde::Serialize;
 use std::fmt;
@@ -25,6 +26,9 @@ use std::time::{Duration, Instant};
 
 /// Number of inserted nodes that a check lists.
 const LISTED: usize = 10;
+
+/// Moment relative to the force in N, or to the other moment, below which it is rounding.
+const ROUNDING: f64 = 1e-12;
 
 /// Time for which a check measures real steps.
 const WATCH: Duration = Duration::from_millis(200);
@@ -137,6 +141,9 @@ pub struct Check {
     pub seconds_per_step: f64,
     /// Expected time of the run, in s, with set-up and without file output.
     pub expected_seconds: f64,
+    /// Size of all snapshots, in bytes; `None` where the scene asks for none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub snapshots: Option<u64>,
     /// Ranks that would shorten the run; `None` where one process is the quickest way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quickest: Option<QuickestRanks>,
@@ -251,7 +258,11 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries =
         system.engine.factor_size(&(&system.mass * inertia + &system.stiffness), &[])?.entries;
-    let (set_up, seconds_per_step) = stopwatch(&native, &model)?;
+    let Watched { set_up, seconds_per_step, snapshot } = stopwatch(&native, &model)?;
+    let snapshots = snapshot.zip(scene.output.fields).map(|(bytes, fields)| {
+        // One at the start, and one at the end if no other is due there.
+        bytes * (1 + scene.time.steps().div_ceil(fields.every))
+    });
     let (advised_step, energy_step) =
         (advised_for(scene, &frequencies), energy_step_for(scene, &frequencies));
     let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, &frequencies)));
@@ -281,6 +292,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         any_step: scene.time.scheme.capabilities().is_event_driven,
         seconds_per_step,
         expected_seconds,
+        snapshots,
         quickest: QuickestRanks::new(&native, system.engine.dofs(), steps, expected_seconds),
         warnings,
     })
@@ -297,16 +309,30 @@ fn initial_energy(model: &Model) -> Result<f64> {
     Ok(0.5 * (elastic + engine.mass_norm_squared(&system.mass, &v)?) - work)
 }
 
-/// Measures the time of the set-up and the time per step, in s.
-fn stopwatch(scene: &Scene, model: &Model) -> Result<(f64, f64)> {
+/// Cost of a run, as its first steps show it.
+struct Watched {
+    /// Time of the set-up, in s.
+    set_up: f64,
+    /// Time of a step, in s.
+    seconds_per_step: f64,
+    /// Size of a snapshot, in bytes; `None` where the scene asks for none.
+    snapshot: Option<u64>,
+}
+
+/// Makes the first steps of a run.
+fn stopwatch(scene: &Scene, model: &Model) -> Result<Watched> {
     let clock = Instant::now();
     let mut scheme = model.scheme(scene)?;
     let set_up = model.seconds.iter().sum::<f64>() + clock.elapsed().as_secs_f64();
+    let sample =
+        |fields: &Fields| fields.sample(&model.system, scheme.as_mut()).map(|snapshot| vtu::size(&snapshot));
+    let snapshot = model.fields.as_ref().map(sample).transpose()?;
     let clock = Instant::now();
     while scheme.step() < scene.time.steps() && (scheme.step() == 0 || clock.elapsed() < WATCH) {
         scheme.advance()?;
     }
-    Ok((set_up, clock.elapsed().as_secs_f64() / scheme.step().max(1) as f64))
+    let seconds_per_step = clock.elapsed().as_secs_f64() / scheme.step().max(1) as f64;
+    Ok(Watched { set_up, seconds_per_step, snapshot })
 }
 
 /// Returns the memory of a scheme's dense arrays, in bytes.
@@ -349,10 +375,13 @@ fn list(values: &[f64]) -> String {
     values.iter().map(|value| significant(*value)).collect::<Vec<_>>().join("  ")
 }
 
-/// Formats a load as `12 N; about the axes x, y: 0.6, -2.4 N m`.
+/// Formats a load as `12 N (0.6 N m, -2.4 N m about the axes x, y)`.
 fn push(Resultant { force, moments: [x, y] }: &Resultant) -> String {
-    let [force, x, y] = [*force, *x, *y].map(significant);
-    format!("{force} N; about the axes x, y: {x}, {y} N m")
+    // Symmetric loads have moments of rounding.
+    let rounding = ROUNDING * force.abs().max(x.abs()).max(y.abs());
+    let moment = |moment: f64| engineering(if moment.abs() > rounding { moment } else { 0.0 }, "N m");
+    let [x, y] = [*x, *y].map(moment);
+    format!("{} ({x}, {y} about the axes x, y)", engineering(*force, "N"))
 }
 
 /// Adds the rows that both reports share.
@@ -419,45 +448,76 @@ impl fmt::Display for Inspection {
 
 impl fmt::Display for Check {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        writeln!(f, "{}", self.scene)?;
         let mut report = Report::new(&self.title);
         let effects = if self.effects.is_empty() { "none".to_owned() } else { self.effects.join(", ") };
         report.text("effects", effects);
-        sizes(&mut report, [self.nodes, self.cells, self.dofs, self.bounded_dofs]);
-        for made in self.made_nodes.iter().take(LISTED) {
-            report.text("node made", made);
+        let [nodes, cells, dofs, bounded] =
+            [self.nodes, self.cells, self.dofs, self.bounded_dofs].map(|count| grouped(count as u64));
+        report
+            .text("mesh", format!("{nodes} nodes, {cells} cells, {dofs} dofs, of which {bounded} may touch"));
+        if !self.made_nodes.is_empty() {
+            let others = self.made_nodes.len().saturating_sub(LISTED);
+            let others = if others > 0 { format!(", and {others} more") } else { String::new() };
+            let listed = self.made_nodes[..self.made_nodes.len().min(LISTED)].join(", ");
+            report.text("nodes made", listed + &others);
         }
-        if self.made_nodes.len() > LISTED {
-            report.count("nodes made", self.made_nodes.len() as u64, "in all");
-        }
-        report.count("factor entries", self.factor_entries as u64, "");
-        if let Some(LinearChoice { method, reason }) = &self.linear {
-            report.text("linear solver", format!("{method}: {reason}"));
-        }
-        report.number("memory", self.memory as f64 / 1e6, "MB");
         for LoadTotal { key, start, largest } in &self.loads {
-            report.text(key, push(start));
+            report.text("total force", format!("{} of {key} at t = 0", push(start)));
             if let Some((t, largest)) = largest {
-                report.text(format!("  largest, at {} s", significant(*t)), push(largest));
+                report.text("  at most", format!("{} at t = {}", push(largest), engineering(*t, "s")));
             }
         }
         report.text("frequencies", format!("{} Hz", list(&self.frequencies.lowest)));
         match &self.modal {
             Some(modal) => modal.report(&mut report),
-            None => drop(report.optional("highest frequency", self.frequencies.highest, "Hz")),
+            None => {
+                if let Some(highest) = self.frequencies.highest {
+                    report.text("  highest", engineering(highest, "Hz"));
+                }
+            }
         }
-        report.number("step", self.step, "s");
-        report.optional("advised step", self.advised_step, "s");
-        report.optional("  for the energy", self.energy_step, "s");
-        if self.any_step {
-            report.text("advised step", "any: the motion between instants is exact");
+        report.text("time step", self.step_in_words());
+        let memory = engineering(self.memory as f64, "B");
+        let linear = self
+            .linear
+            .as_ref()
+            .map_or(String::new(), |LinearChoice { method, reason }| format!(", {method} solver ({reason})"));
+        let more = if self.bounded_dofs > 0 { ", more in contact," } else { "" };
+        let time = about(self.expected_seconds) + more;
+        report.text("run", format!("{} steps, {time} and {memory} of memory{linear}", grouped(self.steps)));
+        if let Some(bytes) = self.snapshots {
+            report.text("snapshots", format!("{} on the disk", engineering(bytes as f64, "B")));
         }
-        report.count("steps", self.steps, "");
-        report.number("expected time", self.expected_seconds, "s");
         if let Some(QuickestRanks { ranks, seconds }) = self.quickest {
-            report.text("quickest", format!("mpirun -n {ranks} rebond run: about {seconds:.0} s"));
+            report.text("quickest", format!("mpirun -n {ranks} rebond run: {}", about(seconds)));
         }
         closing(&mut report, &self.warnings);
         report.fmt(f)
     }
+}
+
+impl Check {
+    /// Returns the time step beside the advised ones.
+    fn step_in_words(&self) -> String {
+        let step = engineering(self.step, "s");
+        if self.any_step {
+            return format!("{step}; any: the motion between instants is exact");
+        }
+        let advised = self.advised_step.map(|advised| format!("{} is advised", engineering(advised, "s")));
+        let energy = self.energy_step.map(|energy| format!("{} for the energy", engineering(energy, "s")));
+        let words: Vec<String> = advised.into_iter().chain(energy).collect();
+        if words.is_empty() { step } else { format!("{step}; {}", words.join(", ")) }
+    }
+}
+
+/// Returns a time that is known to a digit or so, such as `about 3 min`.
+fn about(seconds: f64) -> String {
+    let (count, unit) = match seconds {
+        s if s < 0.1 => return "less than 0.1 s".into(),
+        s if s < 90.0 => (s, "s"),
+        s if s < 5400.0 => (s / 60.0, "min"),
+        s if s < 172_800.0 => (s / 3600.0, "h"),
+        s => (s / 86_400.0, "days"),
+    };
+    format!("about {} {unit}", short(if count < 10.0 { (10.0 * count).round() / 10.0 } else { count }))
 }

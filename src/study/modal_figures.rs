@@ -3,13 +3,16 @@
 use crate::error::Result;
 use crate::linalg::vectors::axpy;
 use crate::linalg::{Engine, Form};
-use crate::output::text::{Report, significant};
+use crate::output::text::{Report, engineering, short, significant};
 use crate::scene::Scene;
 use crate::scheme::{ContactCompliance, ModalScheme, Scheme, Solution, StepRecord};
 use crate::simulation::Model;
 use serde::Serialize;
 use std::collections::BTreeSet;
 use std::f64::consts::TAU;
+
+/// Share of the energy at the start outside the modes from which a warning tells it.
+const OUTSIDE: f64 = 0.05;
 
 /// Step of the motion that finds the nodes in contact, in periods of the highest mode, and the
 /// largest number of these steps.
@@ -78,12 +81,20 @@ pub(super) fn figures(
         }
     }
     warnings.extend(doubt);
+    let rest_of_start = rest_share(model, &model.start.displacement)?;
+    if let Some(share) = rest_of_start.filter(|share| *share > OUTSIDE) {
+        let (percent, modes) = (short(100.0 * share), modes.count());
+        warnings.push(format!(
+            "time.modes: {percent} % of the energy at the start lie outside the {modes} modes, and follow without inertia: take \
+             more modes"
+        ));
+    }
     Ok(Some(ModalFigures {
         modes: modes.count(),
         highest: modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU),
         touching: touching.len(),
         contact,
-        rest_of_start: rest_share(model, &model.start.displacement)?,
+        rest_of_start,
         rest_under_load: loaded.map_or(Ok(None), |u| rest_share(model, u))?,
     }))
 }
@@ -133,15 +144,27 @@ fn rest_share(model: &Model, u: &[f64]) -> Result<Option<f64>> {
 impl ModalFigures {
     /// Adds rows to a report.
     pub(super) fn report(&self, report: &mut Report) {
-        report.count("modes", self.modes as u64, "").number("highest mode", self.highest, "Hz");
-        report.count("bounded dofs touching", self.touching as u64, "");
+        report.text("modes", format!("{}, up to {}", self.modes, engineering(self.highest, "Hz")));
         if let Some(ContactFigures { fastest, compliance: [least, most], condition }) = &self.contact {
-            report.number("fastest motion in contact", *fastest, "Hz");
-            let eigenvalues = format!("{} to {} m/N", significant(*least), significant(*most));
-            report.text("compliance of the rest", eigenvalues);
-            report.number("  condition", *condition, "");
+            report.text(
+                "  in contact",
+                format!(
+                    "{} dofs touch, the fastest motion has {}",
+                    self.touching,
+                    engineering(*fastest, "Hz")
+                ),
+            );
+            let [least, most] = [least, most].map(|value| engineering(*value, "m/N"));
+            let condition = significant(*condition);
+            report.text("  compliance of the rest", format!("{least} to {most}, condition {condition}"));
         }
-        report.optional("rest in the energy, start", self.rest_of_start, "");
-        report.optional("rest in the energy, under load", self.rest_under_load, "");
+        let outside = |share: Option<f64>, when: &str| Some(format!("{} % {when}", short(100.0 * share?)));
+        let outside: Vec<String> = outside(self.rest_of_start, "at the start")
+            .into_iter()
+            .chain(outside(self.rest_under_load, "under load"))
+            .collect();
+        if !outside.is_empty() {
+            report.text("  energy outside them", outside.join(", "));
+        }
     }
 }

@@ -271,6 +271,8 @@ fn the_exact_scheme_lists_its_events() {
     assert!(output.status.success() && !folder.join("out/events.csv").exists());
     let output = rebond(&folder, &["check", "fall.toml", "--set", "time.scheme=exact"]);
     assert!(text(&output.stdout).contains("any: the motion between instants is exact"));
+    let said = |arguments: &[&str]| text(&rebond(&folder, arguments).stdout);
+    assert!(said(&["check", "fall.toml", "--scene"]).starts_with("title = \"a short fall\"\n"));
 }
 
 /// Without a terminal a run reports its progress at each tenth of its steps, which does not depend

@@ -202,7 +202,7 @@ fn an_inspection_has_the_figures_of_an_independent_program() {
         );
 
         let report = inspection.to_string();
-        for row in ["frequencies, modal mass", "fastest motion in contact", "compliance of the rest"] {
+        for row in ["frequencies, modal mass", "the fastest motion has", "compliance of the rest"] {
             assert!(report.contains(row), "{report}");
         }
         assert!(!report.contains("inf-sup") && !report.contains("singular"), "{report}");
@@ -218,11 +218,11 @@ fn a_check_has_the_figures_of_the_modal_mass_alone() {
     let check = study::check(&scene).unwrap();
     let figures = check.modal.as_ref().unwrap();
     assert_eq!(check.frequencies.highest, Some(figures.highest));
-    assert!(check.to_string().contains("fastest motion in contact"), "{check}");
+    assert!(check.to_string().contains("the fastest motion has"), "{check}");
     let text = scene.resolved().replace("\"modal\"", "\"singular\"").replace("modes ", "# modes ");
     let singular = rebond::scene::Scene::from_str(&text, "plate", &[]).unwrap();
     let check = study::check(&singular).unwrap();
-    assert!(check.modal.is_none() && check.to_string().contains("highest frequency"), "{check}");
+    assert!(check.modal.is_none() && check.to_string().contains("  highest"), "{check}");
 }
 
 /// Two modes leave nothing of the compliance at a point, one mode leaves the other's.
