@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict, Union
+from typing import TYPE_CHECKING, Any, TypedDict, Union
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from . import _core, plots
 from .errors import UsageError
 from .scene import Scene
 
@@ -47,7 +47,7 @@ class Matrices:
     upper: NDArray[np.float64] | None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Modes:
     """Lowest natural modes, ascending."""
 
@@ -56,11 +56,23 @@ class Modes:
     #: Shapes with a modal mass of 1 kg, shape (modes, dofs).
     shapes: NDArray[np.float64]
 
+    #: Model of the modes.
+    model: Model = field(repr=False, compare=False)
+
     def __len__(self) -> int:
         return len(self.frequencies)
 
+    def plot(self) -> Any:
+        """Draw the shapes with their nodal lines by matplotlib, and return the figure."""
+        return plots.modes(self.model, self)
 
-@dataclass(frozen=True)
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{frequency:.4g}" for frequency in self.frequencies[:6])
+        dots = ", ..." if len(self) > 6 else ""
+        return f"<rebond.{type(self).__name__}: {len(self)} modes, {shown}{dots} Hz>"
+
+
+@dataclass(frozen=True, repr=False)
 class MassModes(Modes):
     """Modes that carry the mass of a scene with ``time.mass = "modal"``, ascending.
 
@@ -79,6 +91,14 @@ def keep_modes(folder: str | os.PathLike[str] | None = None) -> Path | None:
     as at the start. Results are the same to the last bit.
     """
     return _core.keep_modes(None if folder is None else os.fspath(folder))
+
+
+def in_triangles(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return cells of 3 or 4 corners cut into triangles, shape (triangles, 3)."""
+    if cells.shape[1] == 3:
+        return cells
+    quadrilaterals = cells[:, 3] >= 0
+    return np.concatenate([cells[:, :3], cells[quadrilaterals][:, [0, 2, 3]]])
 
 
 class _Numbers(TypedDict):
@@ -120,6 +140,11 @@ class Layout:
         -1 stands in place of the fourth node of a triangle among quadrilaterals.
         """
         return self._layout["cells"]
+
+    @property
+    def triangles(self) -> NDArray[np.int64]:
+        """Cells cut into triangles, shape (triangles, 3), as matplotlib draws them."""
+        return in_triangles(self.cells)
 
     @property
     def node_dofs(self) -> NDArray[np.int64]:
@@ -205,11 +230,12 @@ class Model(Layout):
         if count < 1:
             raise UsageError(f"modes: found {count}; expected a count of at least 1")
         frequencies, shapes = self._native.modes(count, mass)
-        return Modes(frequencies, shapes)
+        return Modes(frequencies, shapes, self)
 
     def mass_modes(self) -> MassModes:
         """Return the modes that carry the mass of the scene, whose ``time.mass`` is ``"modal"``."""
-        return MassModes(*self._native.mass_modes())
+        frequencies, shapes, momenta = self._native.mass_modes()
+        return MassModes(frequencies, shapes, self, momenta)
 
     def __repr__(self) -> str:
         return f"<rebond.Model of {self.scene.title or self.scene.file!r}: {self.dofs} dofs>"

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
+from . import _core, plots
+from .model import in_triangles
 from .scene import Scene
 
 #: Columns of the history that count something.
@@ -139,10 +140,7 @@ class Fields:
     @property
     def triangles(self) -> NDArray[np.int64]:
         """Small cells cut into triangles, shape (triangles, 3), as matplotlib draws them."""
-        if self.cells.shape[1] == 3:
-            return self.cells
-        quadrilaterals = self.cells[:, 3] >= 0
-        return np.concatenate([self.cells[:, :3], self.cells[quadrilaterals][:, [0, 2, 3]]])
+        return in_triangles(self.cells)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -190,18 +188,22 @@ class Run:
         self.finished = results["finished"]
         self.folder = folder
 
+    def plot(self) -> Any:
+        """Draw the probes and the energies over time by matplotlib, and return the figure."""
+        return plots.history(self)
+
     def __repr__(self) -> str:
         state = "finished" if self.finished else self.summary["status"]
         return f"<rebond.Run of {self.scene.title or self.scene.file!r}: {state}, {self.history.rows} rows>"
 
 
 def run(
-    scene: Scene,
+    scene: Scene | str | os.PathLike[str],
     out: str | os.PathLike[str] | None = None,
     on_step: Callable[[RunStep], Any] | None = None,
     overwrite: bool = False,
 ) -> Run:
-    """Simulate a scene to its end.
+    """Simulate a scene, or the scene of a file, to its end.
 
     With ``out``, the run folder is written as by ``rebond run --out``, and ``overwrite`` allows to
     replace what it holds of another scene. ``on_step`` is called after every step; a true result
@@ -210,6 +212,7 @@ def run(
     stopped leaves a checkpoint in it, from which :func:`resume` goes on.
     """
     folder = None if out is None else os.fspath(out)
+    scene = scene if isinstance(scene, Scene) else Scene(scene)
     tell = _teller(on_step, scene._native.columns)
     return Run(scene, _core.run(scene._native, folder, overwrite, tell), folder)
 

@@ -176,32 +176,7 @@ impl<'e> Collector<'e> {
 
 impl Observer for Collector<'_> {
     fn row(&mut self, row: &Row) -> rebond::Result<()> {
-        let Row {
-            step,
-            time,
-            energy,
-            kinetic,
-            elastic,
-            work,
-            contact_nodes,
-            contact_force,
-            vi_iterations,
-            kkt,
-            ..
-        } = *row;
-        let own = [
-            step as f64,
-            time,
-            energy,
-            kinetic,
-            elastic,
-            work,
-            contact_nodes as f64,
-            contact_force,
-            vi_iterations as f64,
-            kkt,
-        ];
-        self.data.history.push(own.into_iter().chain(row.probes.iter().chain(row.forces).copied()));
+        self.data.history.push(row.numbers());
         self.has_row = true;
         Ok(())
     }

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 import rebond
+from conftest import FALL
 
 Command = Callable[..., Any]
 
@@ -271,3 +272,19 @@ def test_events_of_the_exact_scheme(fall: rebond.Scene) -> None:
     assert energy.max() / energy.min() - 1 < 1e-9
     with pytest.raises(KeyError, match="no column 'tip'; there are step, time"):
         run.history["tip"]
+
+
+def test_a_file_runs_and_is_drawn(tmp_path: Path) -> None:
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    (tmp_path / "fall.toml").write_text(FALL)
+    run = rebond.run(tmp_path / "fall.toml")
+    assert run.finished and run.summary["largest_deflection"]["value"] > 0.2
+    figure = run.plot()
+    assert [axis.get_ylabel() for axis in figure.axes] == ["probes (mm)", "energy (J)"]
+    assert figure.axes[-1].get_xlabel() == "time (ms)"
+    modes = rebond.Model(run.scene).modes(4)
+    assert repr(modes).startswith("<rebond.Modes: 4 modes, 5.9") and repr(modes).endswith(" Hz>")
+    figure = modes.plot()
+    assert [axis.get_title() for axis in figure.axes[:4]] == [f"{f:.4g} Hz" for f in modes.frequencies]
+    pyplot.close("all")

@@ -70,7 +70,7 @@ def test_messages_name_the_change(fall: rebond.Scene) -> None:
 
 
 def test_each_kind_of_error_has_its_class(fall: rebond.Scene, tmp_path: Path) -> None:
-    with pytest.raises(rebond.FileError, match="none.toml: No such file") as caught:
+    with pytest.raises(rebond.FileError, match="none.toml: there is no such file") as caught:
         rebond.Scene(tmp_path / "none.toml")
     assert isinstance(caught.value, OSError) and caught.value.exit_code == 4
     with pytest.raises(rebond.UsageError, match='this build has no "petsc"') as wrong:

@@ -22,6 +22,12 @@ macro_rules! columns {
         }
 
         impl HistoryRow<'_> {
+            /// Returns the numbers of all columns.
+            pub fn numbers(&self) -> impl Iterator<Item = f64> {
+                let told = [$(ColumnNumber::value(self.$name)),*];
+                told.into_iter().chain(self.probes.iter().chain(self.forces).copied())
+            }
+
             /// Appends the numbers of all columns to a line, separated by commas.
             pub fn write(&self, line: &mut String) {
                 $(
@@ -63,17 +69,28 @@ columns! {
 
 /// Number of a column, which reads back as the same bits.
 pub trait ColumnNumber {
+    /// Returns the number, rounded where it has more than 53 bits.
+    fn value(self) -> f64;
+
     /// Appends the number to a line.
     fn write(&self, line: &mut String);
 }
 
 impl ColumnNumber for u64 {
+    fn value(self) -> f64 {
+        self as f64
+    }
+
     fn write(&self, line: &mut String) {
         write!(line, "{self}").expect("a string takes everything");
     }
 }
 
 impl ColumnNumber for f64 {
+    fn value(self) -> f64 {
+        self
+    }
+
     /// The shortest decimals that read back, with an exponent if that is easier to read.
     fn write(&self, line: &mut String) {
         let plain = *self == 0.0 || (1e-3..1e7).contains(&self.abs());

@@ -75,7 +75,7 @@ fn typeset(text: &str) -> String {
     for word in text.split(' ') {
         let unit = word.trim_end_matches([',', ';']);
         let is_unit = UNITS.contains(&unit) || UNITS.contains(&unit.strip_prefix(PREFIXES).unwrap_or(unit));
-        let is_number = |last: &String| last.ends_with(|c: char| c.is_ascii_digit() || c == ')');
+        let is_number = |last: &String| last.ends_with(|c: char| c.is_ascii_digit() || ")N".contains(c));
         match (words.last_mut(), word.strip_prefix('u')) {
             (Some(last), Some(rest)) if is_unit && is_number(last) => *last += &format!("\u{a0}\u{b5}{rest}"),
             (Some(last), None) if is_unit && is_number(last) => *last += &format!("\u{a0}{word}"),

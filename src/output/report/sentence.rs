@@ -86,7 +86,7 @@ fn plate(scene: &Value) -> String {
 
 /// Returns the supports, those of a kind together.
 fn supports(scene: &Value) -> String {
-    let mut kinds: Vec<(String, Vec<&str>, usize)> = Vec::new();
+    let mut kinds: Vec<(String, Vec<String>, usize)> = Vec::new();
     for support in list(scene, "support") {
         let kind = support["kind"].as_str().unwrap_or("supported").replace('_', " ");
         if kinds.last().is_none_or(|(last, ..)| *last != kind) {
@@ -94,11 +94,14 @@ fn supports(scene: &Value) -> String {
         }
         let Some((_, edges, points)) = kinds.last_mut() else { continue };
         match support["edge"].as_str() {
-            Some(edge) => edges.push(edge),
+            Some(edge) => edges.push(match edge {
+                "left" | "right" | "bottom" | "top" => format!("the {edge} edge"),
+                curve => curve.to_owned(),
+            }),
             None => *points += 1,
         }
     }
-    let words = |(kind, edges, points): (String, Vec<&str>, usize)| {
+    let words = |(kind, edges, points): (String, Vec<String>, usize)| {
         let edges = (!edges.is_empty()).then(|| format!("along {}", edges.join(", ")));
         let points = match points {
             0 => None,
