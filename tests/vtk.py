@@ -29,6 +29,7 @@ SHORT = [
     "output.every=1",
     f"output.fields_every={EVERY}",
     f"output.subdivide={PARTS}",
+    "output.precision=64",
 ]
 failures = 0
 

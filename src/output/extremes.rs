@@ -9,7 +9,7 @@
 //! | `von_mises` | largest von Mises stress over all steps, in Pa |
 //! | `time` | time of that stress, in s |
 
-use super::vtk_xml::{Array, Grid, parallel};
+use super::vtk_xml::{Array, Grid, Precision, parallel};
 use super::{remove, vtu, write_atomic};
 use crate::error::{Error, Result};
 use crate::input;
@@ -34,11 +34,12 @@ fn piece(rank: usize, ranks: usize) -> String {
 pub fn write(folder: &Path, envelope: &Envelope, end: f64, [rank, ranks]: [usize; 2]) -> Result<()> {
     let Envelope { points, cells, von_mises, time } = envelope;
     let point_data = vec![
-        Array::floats("von_mises", 1, von_mises.iter().copied()),
-        Array::floats("time", 1, time.iter().copied()),
+        Array::floats("von_mises", 1, Precision::Double, von_mises.iter().copied()),
+        Array::floats("time", 1, Precision::Double, time.iter().copied()),
     ];
     let arrays = [point_data.iter().map(Array::kind).collect(), Vec::new()];
-    let grid = Grid { time: end, points, cells, point_data, cell_data: Vec::new() };
+    let grid =
+        Grid { time: end, points, cells, point_data, cell_data: Vec::new(), precision: Precision::Double };
     if ranks > 1 {
         let pieces = folder.join(vtu::FOLDER);
         fs::create_dir_all(&pieces).map_err(Error::io(&pieces))?;
@@ -48,7 +49,7 @@ pub fn write(folder: &Path, envelope: &Envelope, end: f64, [rank, ranks]: [usize
         return Ok(());
     }
     let pieces: Vec<String> = (0..ranks).map(|rank| piece(rank, ranks)).collect();
-    write_atomic(&folder.join(PARALLEL), parallel(&pieces, &arrays).as_bytes())
+    write_atomic(&folder.join(PARALLEL), parallel(&pieces, &arrays, Precision::Double).as_bytes())
 }
 
 /// Removes the files of an earlier run.

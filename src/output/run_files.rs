@@ -216,7 +216,8 @@ impl Tables {
 impl<'r> RunFiles<'r> {
     /// Creates the files of one of several ranks, which has no tables yet.
     pub fn new(run: &'r RecordedRun, rank: usize, ranks: usize) -> RunFiles<'r> {
-        RunFiles { run, tables: None, fields: Series::new(&run.folder, rank, ranks) }
+        let bits = run.scene.output.fields.map_or(64, |fields| fields.precision);
+        RunFiles { run, tables: None, fields: Series::new(&run.folder, rank, ranks, bits) }
     }
 
     /// Opens the tables of a new or resumed run.

@@ -4,7 +4,7 @@
 //! through the modes. `displacement` is (0, 0, w) for the warp filter, with 1 as the largest |w|.
 //! The grids have the format of [snapshots](super::vtu).
 
-use super::vtk_xml::{Array, DIALECT, Grid, HEADER};
+use super::vtk_xml::{Array, DIALECT, Grid, HEADER, Precision};
 use super::vtu::Surface;
 use super::write_atomic;
 use crate::error::{Error, Result};
@@ -26,16 +26,17 @@ pub fn write<'s>(folder: &Path, modes: impl Iterator<Item = (f64, &'s Surface)>)
     let mut index = format!("{HEADER}<VTKFile type=\"Collection\" {DIALECT}>\n<Collection>\n");
     for (number, (frequency, Surface { points, cells, parents, deflection, .. })) in modes.enumerate() {
         let name = format!("mode-{:03}.vtu", number + 1);
+        let precision = Precision::Double;
         let displacement = deflection.iter().flat_map(|&w| [0.0, 0.0, w]);
         let point_data = vec![
-            Array::floats("deflection", 1, deflection.iter().copied()),
-            Array::floats("displacement", 3, displacement),
+            Array::floats("deflection", 1, precision, deflection.iter().copied()),
+            Array::floats("displacement", 3, precision, displacement),
         ];
         let cell_data = vec![
             Array::integers("cell", parents.iter().copied()),
-            Array::floats("frequency", 1, parents.iter().map(|_| frequency)),
+            Array::floats("frequency", 1, precision, parents.iter().map(|_| frequency)),
         ];
-        let grid = Grid { time: number as f64 + 1.0, points, cells, point_data, cell_data };
+        let grid = Grid { time: number as f64 + 1.0, points, cells, point_data, cell_data, precision };
         write_atomic(&shapes.join(&name), &grid.file())?;
         index += &format!("<DataSet timestep=\"{}\" part=\"0\" file=\"{FOLDER}/{name}\"/>\n", number + 1);
     }

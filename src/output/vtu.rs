@@ -1,8 +1,8 @@
 //! `fields.pvd` and `fields/*.vtu`: snapshots of the plate for ParaView and VTK, and their reader.
 //!
 //! A snapshot is an unstructured grid of small triangles or quadrilaterals, flat at z = 0: warp it
-//! by `displacement`. Numbers are appended raw, little-endian, with 64 bits. Each of several ranks
-//! writes its own piece, and a `.pvtu` file lists them.
+//! by `displacement`. Numbers have 32 bits, or 64 where the scene asks for them, and are
+//! compressed. Each of several ranks writes its own piece, and a `.pvtu` file lists them.
 //!
 //! | point data | meaning |
 //! |---|---|
@@ -31,7 +31,7 @@
 //!
 //! `gap`, `floor`, `ceiling` and `reaction` exist where the scene has obstacles.
 
-use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, parallel};
+use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, Precision, parallel, unpacked};
 use super::{if_there, remove, sweep, write_atomic};
 use crate::error::{Error, Result};
 use crate::hash::Extent;
@@ -62,6 +62,7 @@ pub struct Series {
     folder: PathBuf,
     rank: usize,
     ranks: usize,
+    precision: Precision,
     /// This rank's piece of the last snapshot, and its arrays at points and of cells.
     last: Extent,
     arrays: [Vec<ArrayKind>; 2],
@@ -69,10 +70,10 @@ pub struct Series {
 }
 
 impl Series {
-    /// Creates the series of a rank.
-    pub fn new(folder: &Path, rank: usize, ranks: usize) -> Series {
+    /// Creates the series of a rank, whose numbers have 32 or 64 bits.
+    pub fn new(folder: &Path, rank: usize, ranks: usize, bits: u32) -> Series {
         let (folder, last, arrays) = (folder.to_owned(), Extent::default(), Default::default());
-        Series { folder, rank, ranks, last, arrays, snapshots: Vec::new() }
+        Series { folder, rank, ranks, precision: precision(bits), last, arrays, snapshots: Vec::new() }
     }
 
     /// Returns the rank and the number of ranks.
@@ -118,7 +119,7 @@ impl Series {
     pub fn write(&mut self, snapshot: &Snapshot) -> Result<()> {
         let folder = self.folder.join(FOLDER);
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-        let grid = grid(snapshot, self.rank);
+        let grid = grid(snapshot, self.rank, self.precision);
         self.arrays = [&grid.point_data, &grid.cell_data].map(|data| data.iter().map(Array::kind).collect());
         let bytes = grid.file();
         self.last = Extent::default();
@@ -137,7 +138,7 @@ impl Series {
         let mut files: Vec<_> = pieces.iter().map(in_folder).zip(written.iter().copied()).collect();
         if self.ranks > 1 {
             let name = in_folder(&format!("step-{step:09}.pvtu"));
-            let list = parallel(&pieces, &self.arrays);
+            let list = parallel(&pieces, &self.arrays, self.precision);
             write_atomic(&self.folder.join(&name), list.as_bytes())?;
             let mut extent = Extent::default();
             extent.add(list.as_bytes());
@@ -213,23 +214,28 @@ const CELL_DATA: [Quantity; 3] = [
 ];
 
 /// Returns the grid of a snapshot on a rank.
-fn grid<'s>(snapshot: &'s Snapshot, rank: usize) -> Grid<'s> {
+fn grid<'s>(snapshot: &'s Snapshot, rank: usize, precision: Precision) -> Grid<'s> {
     let Lattice { points, cells, parents } = snapshot.lattice;
     let arrays = |quantities: &[Quantity]| -> Vec<Array> {
         let array = |&(name, components, values): &Quantity| {
-            values(snapshot).map(|values| Array::floats(name, components, values))
+            values(snapshot).map(|values| Array::floats(name, components, precision, values))
         };
         quantities.iter().filter_map(array).collect()
     };
     let mut cell_data = arrays(&CELL_DATA);
     cell_data.push(Array::integers("cell", parents.iter().copied()));
     cell_data.push(Array::integers("rank", parents.iter().map(|_| rank)));
-    Grid { time: snapshot.time, points, cells, point_data: arrays(&POINT_DATA), cell_data }
+    Grid { time: snapshot.time, points, cells, point_data: arrays(&POINT_DATA), cell_data, precision }
 }
 
-/// Returns the size of the file of a snapshot, in bytes.
-pub fn size(snapshot: &Snapshot) -> u64 {
-    grid(snapshot, 0).file().len() as u64
+/// Returns the precision of numbers of 32 or 64 bits.
+fn precision(bits: u32) -> Precision {
+    if bits == 64 { Precision::Double } else { Precision::Single }
+}
+
+/// Returns the size of the file of a snapshot whose numbers have 32 or 64 bits, in bytes.
+pub fn size(snapshot: &Snapshot, bits: u32) -> u64 {
+    grid(snapshot, 0, precision(bits)).file().len() as u64
 }
 
 /// Snapshot read back.
@@ -336,23 +342,30 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
         bytes.windows(START.len()).position(|window| window == START).ok_or("no raw appended data")?;
     let text = std::str::from_utf8(&bytes[..split]).map_err(|_| "not text before its data")?;
     let data = &bytes[split + START.len()..];
-    let array = |name: &str| -> std::result::Result<Option<Vec<[u8; 8]>>, &'static str> {
+    // Bytes of an array, and of each of its numbers.
+    let array = |name: &str| -> std::result::Result<Option<(Vec<u8>, bool)>, &'static str> {
         let Some(tag) = tags(text, "DataArray").into_iter().find(|tag| attribute(tag, "Name") == Some(name))
         else {
             return Ok(None);
         };
         let offset =
             attribute(tag, "offset").and_then(|offset| offset.parse::<usize>().ok()).ok_or("no offset")?;
-        let (length, rest) = data.get(offset..).and_then(<[u8]>::split_first_chunk).ok_or("cut short")?;
-        let values = rest.get(..u64::from_le_bytes(*length) as usize).ok_or("cut short")?;
-        Ok(Some(values.as_chunks().0.to_vec()))
+        let bytes = data.get(offset..).and_then(|data| unpacked(data).ok()).ok_or("cut short")?;
+        Ok(Some((bytes, attribute(tag, "type") == Some("Float32"))))
     };
     let floats = |name| {
-        Ok(array(name)?.map(|values| values.into_iter().map(f64::from_le_bytes).collect::<Vec<f64>>()))
+        let numbers = |(bytes, is_single): (Vec<u8>, bool)| -> Vec<f64> {
+            match is_single {
+                true => bytes.as_chunks().0.iter().map(|value| f32::from_le_bytes(*value).into()).collect(),
+                false => bytes.as_chunks().0.iter().map(|value| f64::from_le_bytes(*value)).collect(),
+            }
+        };
+        Ok::<_, &'static str>(array(name)?.map(numbers))
     };
     let integers = |name| {
-        let values = array(name)?.ok_or("no cells")?;
-        Ok(values.into_iter().map(|value| i64::from_le_bytes(value) as usize).collect::<Vec<usize>>())
+        let (bytes, _) = array(name)?.ok_or("no cells")?;
+        let numbers = bytes.as_chunks().0.iter().map(|value| i64::from_le_bytes(*value) as usize);
+        Ok::<_, &'static str>(numbers.collect::<Vec<usize>>())
     };
     let (corners, ends) = (integers("connectivity")?, integers("offsets")?);
     let begins = std::iter::once(0).chain(ends.iter().copied());

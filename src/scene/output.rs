@@ -3,12 +3,13 @@
 use super::ProbeQuantity;
 use super::attachments::Ball;
 use super::column::column;
-use super::document::{Document, join, quote};
-use super::entry::{self, Entry, SceneText, Table, flat, flat_if, table, tables, via};
+use super::document::{Document, Value, join, quote};
+use super::entry::{self, Entry, Kind, SceneText, Table, flat, flat_if, object, table, tables, via};
 use super::kinds::{count, truth, word};
 use super::mesh;
 use super::place::{PlaceKeys, located, place_keys};
 use crate::error::Result;
+use serde_json::json;
 
 /// Limit on the parts into which snapshots divide an edge.
 const MOST_PARTS: usize = 64;
@@ -54,7 +55,22 @@ table! {
         /// With `fields_every`: snapshots also have moments and stresses, see
         /// [Moments and stresses](runs.md#moments-and-stresses).
         stresses: bool = truth().says("moments and stresses in snapshots").or_silent(false);
+        /// With `fields_every`: bits of the numbers in snapshots, 32 (seven digits) or 64.
+        precision: u32 = bits().says("bits of the numbers in snapshots").or_silent(32);
     } then of_moderate_size
+}
+
+/// Number of bits of a floating-point number.
+fn bits() -> Kind<u32> {
+    let expected = "expected 32 or 64";
+    let read = move |doc: &Document, key: &str| match doc.value(key) {
+        Some(Value::Integer(bits @ (32 | 64))) => Ok(bits.unsigned_abs() as u32),
+        Some(Value::Integer(bits)) => {
+            Err(doc.fault(key, format!("{bits} bits are none that VTK knows; {expected}")))
+        }
+        other => Err(doc.unfit(key, other, expected)),
+    };
+    Kind::new(expected, || object([("enum", json!([32, 64]))]), read, |bits, _| bits.to_string())
 }
 
 table! {

@@ -324,8 +324,10 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<Watched> {
     let clock = Instant::now();
     let mut scheme = model.scheme(scene)?;
     let set_up = model.seconds.iter().sum::<f64>() + clock.elapsed().as_secs_f64();
-    let sample =
-        |fields: &Fields| fields.sample(&model.system, scheme.as_mut()).map(|snapshot| vtu::size(&snapshot));
+    let bits = scene.output.fields.map_or(64, |fields| fields.precision);
+    let sample = |fields: &Fields| {
+        fields.sample(&model.system, scheme.as_mut()).map(|snapshot| vtu::size(&snapshot, bits))
+    };
     let snapshot = model.fields.as_ref().map(sample).transpose()?;
     let clock = Instant::now();
     while scheme.step() < scene.time.steps() && (scheme.step() == 0 || clock.elapsed() < WATCH) {

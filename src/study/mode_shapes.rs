@@ -51,7 +51,7 @@ impl ModeShapes {
         scene.attachments.balls.clear();
         scene.output.probes.clear();
         let subdivide = scene.output.fields.map_or(PARTS, |fields| fields.subdivide);
-        scene.output.fields = Some(Snapshots { every: 1, subdivide, stresses: false });
+        scene.output.fields = Some(Snapshots { every: 1, subdivide, stresses: false, precision: 64 });
         let model = Model::new(&scene)?;
         let System { engine, stiffness, mass, .. } = &model.system;
         let modes = modes::shapes(engine, stiffness, mass, count, model.mechanism.is_some())?;

@@ -51,7 +51,7 @@ const RUN: [&str; 6] = ["run", "fall.toml", "--quiet", "--overwrite", "--out", "
 #[test]
 fn snapshots_come_when_asked_and_agree_with_the_history() {
     let folder = folder("agree");
-    succeeds(&folder, &RUN);
+    succeeds(&folder, &[&RUN[..], &["--set", "output.precision=64"]].concat());
     let run = folder.join("run");
     let table = history::read(&run).unwrap();
     let snapshots = vtu::read_index(&run).unwrap();
@@ -64,6 +64,14 @@ fn snapshots_come_when_asked_and_agree_with_the_history() {
         let corner = surface.points.iter().position(|&at| at == [1.2, 0.0]).unwrap();
         let (snapshot, probe) = (surface.deflection[corner], table.column("corner").unwrap()[row]);
         assert!((snapshot - probe).abs() <= 1e-15 * probe.abs(), "{snapshot} {probe}");
+        let exact = std::fs::metadata(path).unwrap().len();
+        succeeds(&folder, &[&RUN[..5], &["seven-digits"]].concat());
+        let shorter = folder.join("seven-digits").join(path.strip_prefix(&run).unwrap());
+        let rounded = vtu::read(&shorter).unwrap();
+        assert!(std::fs::metadata(&shorter).unwrap().len() < exact);
+        for (w, exact) in rounded.deflection.iter().zip(&surface.deflection) {
+            assert!((w - exact).abs() <= 6e-8 * exact.abs(), "{w} for {exact}");
+        }
         let clamped = surface.points.iter().zip(&surface.deflection).filter(|([x, _], _)| *x == 0.0);
         assert!(clamped.map(|(_, w)| w).all(|w| *w == 0.0));
         let force: f64 = surface.reaction.iter().sum();

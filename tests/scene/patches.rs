@@ -183,7 +183,7 @@ fn moving_patches_push_all_the_time() {
     close("largest", largest.force, force, 1e-3);
     close("place", -largest.moments[1], (0.1 + t) * force, 1e-3);
     let report = rebond::study::check(&scene(&text)).unwrap().to_string();
-    for words in ["load.pressure", "N; about the axes x, y: ", "largest, at "] {
+    for words in ["load.pressure at t = 0", "about the axes x, y)", "at most"] {
         assert!(report.contains(words), "no {words:?} in: {report}");
     }
 }

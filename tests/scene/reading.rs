@@ -186,7 +186,10 @@ fn every_key_is_read() {
     assert_eq!(scene.obstacles[1].height.number(), Some(0.3333333333333333));
     assert_eq!(scene.time.mass, Mass::Singular);
     assert_eq!(scene.time.steps(), 100_000);
-    assert_eq!(scene.output.fields, Some(Snapshots { every: 2000, subdivide: 3, stresses: false }));
+    assert_eq!(
+        scene.output.fields,
+        Some(Snapshots { every: 2000, subdivide: 3, stresses: false, precision: 32 })
+    );
     assert_eq!(scene.output.checkpoint_every, Some(30_000));
     assert_eq!(scene.output.probes[1].name, "côté # libre");
     let effects = [
