@@ -11,6 +11,7 @@ mod parts;
 mod quality;
 mod rectangle;
 mod refine;
+mod rims;
 
 use std::collections::BTreeMap;
 

@@ -73,7 +73,10 @@ impl MeshFile {
     /// parts differs from the scene's.
     pub fn load(&self) -> Result<Mesh> {
         let import = Import { scale: self.scale.unwrap_or(1.0), merge: self.merge.unwrap_or(0.0) };
-        let mesh = Mesh::load_gmsh_as(&self.path, import)?;
+        let mut mesh = Mesh::load_gmsh_as(&self.path, import)?;
+        if mesh.edges.is_empty() {
+            mesh.name_rims();
+        }
         mesh.require_parts(self.parts)?;
         Ok(mesh)
     }

@@ -280,3 +280,37 @@ fn files_of_other_kinds_are_named_with_a_remedy() {
     let lost = refusal(&text(&folder.join("braket.step").to_string_lossy(), "", CLAMPED)).to_string();
     assert!(lost.contains("no such file") && lost.contains("did you mean bracket.step?"), "{lost}");
 }
+
+/// A mesh without names has an outline and holes that supports can hold: the annulus of a square.
+#[test]
+fn outlines_and_holes_need_no_names() {
+    let [nx, ny] = [9, 6];
+    let mut drawing = Drawing::grid([nx, ny], [0.9, 0.6], false, |x, y| [x, y]);
+    let hole = |k: usize, [left, front]: [usize; 2]| (left..left + 2).contains(&(k % nx)) && k / nx == front;
+    drawing.cells = (drawing.cells.into_iter().enumerate())
+        .filter(|(k, _)| !hole(*k, [6, 3]) && !hole(*k, [2, 2]))
+        .map(|(_, cell)| cell)
+        .collect();
+    let sides = drawing.write("named.msh");
+    drawing.lines.clear();
+    let unnamed = drawing.write("unnamed.msh");
+    let lowest = |file: &str, support: &str| inspect(&text(file, "", support)).consistent.lowest;
+    let edges =
+        ["left", "right", "bottom", "top"].map(|edge| format!("{{ edge = \"{edge}\", kind = \"clamped\" }}"));
+    let all_round = lowest(&sides, &format!("support = [{}]\n", edges.join(", ")));
+    let outline = lowest(&unnamed, "support = [{ edge = \"boundary\", kind = \"clamped\" }]\n");
+    outline.iter().zip(&all_round).for_each(|(found, exact)| close("frequency", *found, *exact, 1e-12));
+    // The first hole is the left one, by symmetry of the two nearest sides.
+    let held = |hole: &str| {
+        let scene =
+            scene(&text(&unnamed, "", &format!("support = [{{ edge = \"{hole}\", kind = \"clamped\" }}]\n")));
+        let mesh = simulation::mesh(&scene).unwrap();
+        let sides = &mesh.edges[hole];
+        let mean = sides.iter().map(|side| mesh.nodes[side[0]].x).sum::<f64>() / sides.len() as f64;
+        (sides.len(), mean)
+    };
+    let [(first, left), (second, right)] = [held("hole_1"), held("hole_2")];
+    assert!((first, second) == (6, 6) && (left - 0.3).abs() < 1e-12 && (right - 0.7).abs() < 1e-12);
+    let wrong = refusal(&text(&unnamed, "", "support = [{ edge = \"rim\", kind = \"clamped\" }]\n"));
+    assert_refused(&wrong, &["no edge named \"rim\"", "boundary, hole_1, hole_2"]);
+}

@@ -1,0 +1,60 @@
+//! Rims of a mesh whose file names no curves: the outline, and the holes.
+
+use super::{Mesh, Point};
+use std::collections::BTreeMap;
+
+/// Name of the outline of all parts.
+const OUTLINE: &str = "boundary";
+
+impl Mesh {
+    /// Names the outline of all parts `boundary`, and the rims of holes `hole_1`, `hole_2`, ...
+    /// from left to right, by the means of their nodes.
+    pub fn name_rims(&mut self) {
+        let mut holes: Vec<(Point, Vec<[usize; 2]>)> = Vec::new();
+        let mut outline = Vec::new();
+        for rim in self.rims() {
+            let twice_area: f64 = rim.iter().map(|&side| self.cross(side)).sum();
+            // Cells lie to the left of a rim, so that it turns about a hole clockwise.
+            if twice_area > 0.0 {
+                outline.extend(rim);
+            } else {
+                let sum = rim.iter().fold(Point::origin(), |sum, &[a, _]| sum + self.nodes[a].coords);
+                holes.push((sum / rim.len() as f64, rim));
+            }
+        }
+        holes.sort_by(|(a, _), (b, _)| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
+        let named = holes.into_iter().enumerate();
+        self.edges = named.map(|(number, (_, rim))| (format!("hole_{}", number + 1), rim)).collect();
+        self.edges.insert(OUTLINE.to_owned(), outline);
+    }
+
+    /// Returns the closed rims of the mesh, each as the sides of cells in their order.
+    fn rims(&self) -> Vec<Vec<[usize; 2]>> {
+        let mut sides: Vec<[usize; 2]> = self.cells.iter().flat_map(|cell| cell.edges()).collect();
+        let key = |&[a, b]: &[usize; 2]| [a.min(b), a.max(b)];
+        sides.sort_unstable_by_key(key);
+        let borders = sides.chunk_by(|a, b| key(a) == key(b)).filter(|equal| equal.len() == 1);
+        let mut next: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+        borders.flatten().for_each(|&[a, b]| next.entry(a).or_default().push(b));
+        let mut rims = Vec::new();
+        while let Some((&first, _)) = next.first_key_value() {
+            let (mut rim, mut node) = (Vec::new(), first);
+            while let Some(ends) = next.get_mut(&node) {
+                let Some(end) = ends.pop() else { break };
+                if ends.is_empty() {
+                    next.remove(&node);
+                }
+                rim.push([node, end]);
+                node = end;
+            }
+            rims.push(rim);
+        }
+        rims
+    }
+
+    /// Returns twice the area between a side and the origin, in m^2, signed.
+    fn cross(&self, [a, b]: [usize; 2]) -> f64 {
+        let [from, to] = [self.nodes[a], self.nodes[b]];
+        from.x * to.y - to.x * from.y
+    }
+}
