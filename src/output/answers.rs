@@ -12,7 +12,7 @@ const EQUAL: f64 = 1e-9;
 /// Largest number of stops and supports among the answers.
 const MOST_FORCES: usize = 8;
 
-/// KeyFigure of a run.
+/// Key figure of a run.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct KeyFigure {
     /// Title of one or two words, or the name of a stop or support.

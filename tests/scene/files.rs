@@ -277,7 +277,7 @@ fn files_of_other_kinds_are_named_with_a_remedy() {
         std::fs::write(&file, bytes).unwrap();
         assert_refused(&refusal(&text(&file.to_string_lossy(), "", CLAMPED)), &words);
     }
-    let lost = refusal(&text(&folder.join("braket.step").to_string_lossy(), "", CLAMPED)).to_string();
+    let lost = refusal(&text(&folder.join("bracker.step").to_string_lossy(), "", CLAMPED)).to_string();
     assert!(lost.contains("no such file") && lost.contains("did you mean bracket.step?"), "{lost}");
 }
 
