@@ -38,8 +38,15 @@ pub fn write(folder: &Path, envelope: &Envelope, end: f64, [rank, ranks]: [usize
         Array::floats("time", 1, Precision::Double, time.iter().copied()),
     ];
     let arrays = [point_data.iter().map(Array::kind).collect(), Vec::new()];
-    let grid =
-        Grid { time: end, points, cells, point_data, cell_data: Vec::new(), precision: Precision::Double };
+    let grid = Grid {
+        time: end,
+        points,
+        cells,
+        point_data,
+        cell_data: Vec::new(),
+        precision: Precision::Double,
+        balls: Vec::new(),
+    };
     if ranks > 1 {
         let pieces = folder.join(vtu::FOLDER);
         fs::create_dir_all(&pieces).map_err(Error::io(&pieces))?;

@@ -36,7 +36,15 @@ pub fn write<'s>(folder: &Path, modes: impl Iterator<Item = (f64, &'s Surface)>)
             Array::integers("cell", parents.iter().copied()),
             Array::floats("frequency", 1, precision, parents.iter().map(|_| frequency)),
         ];
-        let grid = Grid { time: number as f64 + 1.0, points, cells, point_data, cell_data, precision };
+        let grid = Grid {
+            time: number as f64 + 1.0,
+            points,
+            cells,
+            point_data,
+            cell_data,
+            precision,
+            balls: Vec::new(),
+        };
         write_atomic(&shapes.join(&name), &grid.file())?;
         index += &format!("<DataSet timestep=\"{}\" part=\"0\" file=\"{FOLDER}/{name}\"/>\n", number + 1);
     }

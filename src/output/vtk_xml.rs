@@ -79,12 +79,14 @@ pub(super) struct Grid<'g> {
     pub cell_data: Vec<Array>,
     /// Precision of the positions.
     pub precision: Precision,
+    /// Points of balls, as [`Snapshot::balls`](crate::simulation::Snapshot::balls) has them.
+    pub balls: Vec<[f64; 4]>,
 }
 
 impl Grid<'_> {
     /// Formats the file of the grid.
     pub fn file(self) -> Vec<u8> {
-        let Grid { time, points, cells, point_data, cell_data, precision } = self;
+        let Grid { time, points, cells, point_data, cell_data, precision, balls } = self;
         let ends = cells.iter().scan(0, |end, cell| {
             *end += cell.len();
             Some(*end)
@@ -110,8 +112,17 @@ impl Grid<'_> {
         let (points, cells) = (points.len(), cells.len());
         let mut text = format!("{HEADER}<VTKFile type=\"UnstructuredGrid\" {DIALECT}>\n<UnstructuredGrid>\n");
         text += &format!(
-            "<FieldData><DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">{time}</DataArray></FieldData>\n"
+            "<FieldData><DataArray type=\"Float64\" Name=\"TimeValue\" NumberOfTuples=\"1\" format=\"ascii\">{time}</DataArray>"
         );
+        if !balls.is_empty() {
+            let (count, numbers) = (balls.len(), balls.as_flattened());
+            let numbers: Vec<String> = numbers.iter().map(f64::to_string).collect();
+            text += &format!(
+                "<DataArray type=\"Float64\" Name=\"balls\" NumberOfComponents=\"4\" NumberOfTuples=\"{count}\" format=\"ascii\">{}</DataArray>",
+                numbers.join(" ")
+            );
+        }
+        text += "</FieldData>\n";
         text += &format!("<Piece NumberOfPoints=\"{points}\" NumberOfCells=\"{cells}\">\n");
         let mut appended = Vec::new();
         for (section, arrays) in sections {

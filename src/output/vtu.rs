@@ -225,7 +225,15 @@ fn grid<'s>(snapshot: &'s Snapshot, rank: usize, precision: Precision) -> Grid<'
     let mut cell_data = arrays(&CELL_DATA);
     cell_data.push(Array::integers("cell", parents.iter().copied()));
     cell_data.push(Array::integers("rank", parents.iter().map(|_| rank)));
-    Grid { time: snapshot.time, points, cells, point_data: arrays(&POINT_DATA), cell_data, precision }
+    Grid {
+        time: snapshot.time,
+        points,
+        cells,
+        point_data: arrays(&POINT_DATA),
+        cell_data,
+        precision,
+        balls: snapshot.balls.clone(),
+    }
 }
 
 /// Returns the precision of numbers of 32 or 64 bits.
@@ -257,6 +265,8 @@ pub struct Surface {
     pub parents: Vec<usize>,
     /// Von Mises stress at each point, in Pa; empty in a snapshot without stresses.
     pub von_mises: Vec<f64>,
+    /// Points of balls, as [`Snapshot::balls`] has them.
+    pub balls: Vec<[f64; 4]>,
 }
 
 /// Returns the sides of some cells, given by the numbers of their corners, that belong to one of
@@ -319,7 +329,7 @@ pub fn read(path: &Path) -> Result<Surface> {
         let text = String::from_utf8_lossy(&bytes);
         let mut sum = Surface::default();
         for piece in tags(&text, "Piece").into_iter().filter_map(|tag| attribute(tag, "Source")) {
-            let Surface { points, cells, deflection, reaction, obstacles, parents, von_mises } =
+            let Surface { points, cells, deflection, reaction, obstacles, parents, von_mises, balls } =
                 read(&path.with_file_name(piece))?;
             let before = sum.points.len();
             let parents_before = sum.parents.iter().max().map_or(0, |last| last + 1);
@@ -330,6 +340,7 @@ pub fn read(path: &Path) -> Result<Surface> {
             sum.deflection.extend(deflection);
             sum.reaction.extend(reaction);
             sum.von_mises.extend(von_mises);
+            sum.balls = balls;
         }
         return Ok(sum);
     }
@@ -384,6 +395,7 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
         parents: if is_envelope { (0..cells.len()).collect() } else { integers("cell")? },
         von_mises,
         cells,
+        balls: balls(text),
     };
     let points = surface.points.len();
     let [floor, ceiling] = &surface.obstacles;
@@ -393,6 +405,14 @@ fn piece(bytes: &[u8]) -> std::result::Result<Surface, &'static str> {
         && surface.parents.len() == surface.cells.len()
         && corners.iter().all(|&corner| corner < points);
     fits.then_some(surface).ok_or("arrays that do not fit")
+}
+
+/// Returns the points of balls in the head of a snapshot.
+fn balls(text: &str) -> Vec<[f64; 4]> {
+    let array = text.split("Name=\"balls\"").nth(1).and_then(|rest| rest.split('>').nth(1));
+    let numbers = array.into_iter().flat_map(|array| array.trim_end_matches("</DataArray").split(' '));
+    let numbers: Vec<f64> = numbers.filter_map(|number| number.parse().ok()).collect();
+    numbers.as_chunks().0.to_vec()
 }
 
 /// Returns the attributes of all tags of a name, one text for each tag.

@@ -90,6 +90,14 @@ table! {
     }
 }
 
+impl Probe {
+    /// Returns the probe of a ball's height, given the ball's index.
+    pub fn of_ball(number: usize, ball: &Ball) -> Probe {
+        let (name, quantity) = (format!("ball {number}"), ProbeQuantity::Deflection);
+        Probe { name, at: ball.at, point: ball.point.clone(), ball: Some(number), quantity }
+    }
+}
+
 /// Returns the usual parts of an edge: finer meshes divide their cells less.
 fn parts(doc: &Document) -> Result<usize> {
     let mesh = mesh::grid(doc)?;

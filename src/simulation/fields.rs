@@ -7,6 +7,7 @@
 
 use super::effects::BuildContext;
 use super::nodal_motion::NodalMotion;
+use super::readings::FramedProbe;
 use super::regions;
 use super::stress_fields::{SnapshotStresses, StressFields};
 use super::stresses::PlateCurvatures;
@@ -18,7 +19,7 @@ use crate::linalg::{CellClass, Engine};
 use crate::mesh::{Cell, Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::Sections;
-use crate::scene::{FieldInput, Region, Side};
+use crate::scene::{FieldInput, Probe, Region, Side};
 use crate::scheme::{Solution, System};
 use std::collections::HashMap;
 use std::rc::Rc;
@@ -63,6 +64,9 @@ pub struct Snapshot<'f> {
     pub mean_velocity: Vec<f64>,
     /// Moments and stresses; `None` unless the scene asks for them.
     pub stresses: Option<SnapshotStresses>,
+    /// Point of each ball that touches the plate, x, y and height in m, and 1 for a ball above the
+    /// plate or -1 for one below; the same on all ranks.
+    pub balls: Vec<[f64; 4]>,
 }
 
 /// Sampling of the states of a model.
@@ -82,6 +86,8 @@ pub struct Fields {
     /// Side, height and affected points of each obstacle.
     obstacles: Vec<(Side, FieldInput, Vec<usize>)>,
     stresses: Option<StressFields>,
+    /// Place, in m, and side of each ball, with its height.
+    balls: Vec<([f64; 2], Side, FramedProbe)>,
 }
 
 /// Values of a cell's basis functions at a point, and their derivatives along x and y.
@@ -177,7 +183,12 @@ impl Fields {
             tips: space.tips().to_vec(),
             obstacles: Vec::new(),
             stresses: None,
+            balls: Vec::new(),
         };
+        for (number, ball) in scene.attachments.balls.iter().enumerate() {
+            let probe = Probe::of_ball(number, ball);
+            fields.balls.push((ball.at, ball.side, ground.probe(&probe, &motion.shapes())?));
+        }
         if let Some(curvatures) = curvatures {
             let cell_of: Vec<usize> = fields.samples.iter().map(|(cell, _)| *cell as usize).collect();
             let Lattice { points, cells, parents } = &fields.lattice;
@@ -295,7 +306,26 @@ impl Fields {
             reaction,
             mean_velocity,
             stresses,
+            balls: self.ball_points(engine, scheme)?,
         })
+    }
+
+    /// Returns the touching points of all balls, see [`Snapshot::balls`]. Collective.
+    fn ball_points<E: Engine>(&self, engine: &E, scheme: &dyn Solution) -> Result<Vec<[f64; 4]>> {
+        if self.balls.is_empty() {
+            return Ok(Vec::new());
+        }
+        let (u, lifts) = (scheme.displacement(), self.motion.lifts(scheme.time())?);
+        let share = |(.., (probe, shares)): &(_, _, FramedProbe)| {
+            let moved = lifts.iter().zip(shares).map(|((height, _), share)| height * share);
+            moved.fold(probe.deflection(u), |sum, term| sum + term)
+        };
+        let shares: Vec<f64> = self.balls.iter().map(share).collect();
+        let heights = engine.comm().all_reduce_sum_slice(&shares);
+        let point = |(([x, y], side, _), height): (&([f64; 2], Side, _), f64)| {
+            [*x, *y, height, if *side == Side::Above { 1.0 } else { -1.0 }]
+        };
+        Ok(self.balls.iter().zip(heights).map(point).collect())
     }
 
     /// Returns, per point, the product of one row of the basis functions with the dofs of its cell.

@@ -32,6 +32,11 @@ impl NodalMotion {
         Ok(shape)
     }
 
+    /// Returns the share of each support motion in all deflections and slopes.
+    pub fn shapes(&self) -> Vec<&[f64]> {
+        self.lifts.iter().map(|lift| &*lift.shape).collect()
+    }
+
     /// Returns the height (m) of each support motion at an instant (s), and its share in all
     /// deflections and slopes.
     pub fn lifts(&self, time: f64) -> Result<Vec<(f64, &[f64])>> {

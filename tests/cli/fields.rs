@@ -46,6 +46,27 @@ fn assert_unreadable(output: &Output, words: &[&str]) {
     }
 }
 
+/// Snapshots have the point of a ball that touches the plate, and pictures the ball.
+#[test]
+fn snapshots_have_balls() {
+    let folder = folder("balls");
+    let ball = "ball=[{ at = [0.9, 0.2], mass = 0.1, height = 0.25, velocity = -10.0 }]";
+    let probe = "output.probes=[{ name = \"corner\", at = [1.2, 0.0] }, { name = \"height\", ball = 0 }]";
+    succeeds(&folder, &[&RUN[..], &["--set", ball, "--set", probe, "--set", "time.end=0.02"]].concat());
+    let run = folder.join("run");
+    let (table, snapshots) = (history::read(&run).unwrap(), vtu::read_index(&run).unwrap());
+    let heights = table.column("height").unwrap();
+    for (time, path) in &snapshots {
+        let row = table.column("time").unwrap().iter().position(|other| other == time).unwrap();
+        let balls = vtu::read(path).unwrap().balls;
+        assert_eq!((balls.len(), balls[0][..2].to_vec(), balls[0][3]), (1, vec![0.9, 0.2], 1.0));
+        assert!((balls[0][2] - heights[row]).abs() <= 1e-15, "{} for {}", balls[0][2], heights[row]);
+    }
+    assert!(snapshots.len() > 1 && heights.iter().any(|height| *height < 0.2));
+    succeeds(&folder, &["plot", "run"]);
+    succeeds(&folder, &["report", "run"]);
+}
+
 const RUN: [&str; 6] = ["run", "fall.toml", "--quiet", "--overwrite", "--out", "run"];
 
 #[test]

@@ -96,6 +96,7 @@ fn clustered(surface: &Surface) -> Surface {
         obstacles: [take(&surface.obstacles[0]), take(&surface.obstacles[1])],
         von_mises: take(&surface.von_mises),
         parents: Vec::new(),
+        balls: surface.balls.clone(),
     }
 }
 

@@ -33,6 +33,8 @@ const REMARK: Type = Type::new(6.5);
 const BAND: f64 = 10.0;
 /// Height of a peg, in points.
 const PEG: f64 = 4.0;
+/// Radius of a ball, in points; a scene gives none.
+const BALL: f64 = 3.0;
 /// Mark at the place of the largest value.
 const MARK: Color = Color(213, 94, 0);
 /// Width of the view in one of two columns, in points.
@@ -117,6 +119,9 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     // A distant obstacle is left out, because it would make the plate too small.
     let heights = snapshots.iter_mut().flat_map(|(_, surface)| surface.obstacles.iter_mut().flatten());
     heights.filter(|height| !is_near(**height, [low, high].into_iter())).for_each(|far| *far = f64::NAN);
+    for (_, surface) in &mut snapshots {
+        surface.balls.retain(|ball| is_near(ball[2], [low, high].into_iter()));
+    }
 
     let points = || snapshots.iter().flat_map(|(_, surface)| surface.points.iter());
     let sides = [0, 1].map(|axis| range(&mut points().map(|point| point[axis])));
@@ -135,7 +140,9 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     let surfaces =
         snapshots.iter().flat_map(|(_, surface)| (0..surface.points.len()).map(|p| surface.place(p)));
     let walls_seen = walls.iter().flatten().flat_map(|wall| wall.faces.iter().flatten().chain(&wall.stops));
-    let seen: Vec<[f64; 2]> = surfaces.chain(walls_seen.copied()).map(|point| view.see(point)).collect();
+    let balls = snapshots.iter().flat_map(|(_, surface)| &surface.balls).map(|&[x, y, z, _]| [x, y, z]);
+    let seen: Vec<[f64; 2]> =
+        surfaces.chain(walls_seen.copied()).chain(balls).map(|point| view.see(point)).collect();
     let window = Window([0, 1].map(|axis| self::range(seen.iter().map(|point| point[axis]))));
     // A value much smaller than the others is a rounding error.
     let [low, high] = range(&mut snapshots.iter().flat_map(|(_, surface)| by.values(surface).to_vec()));
@@ -173,6 +180,10 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
             }
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
                 paper.circle(drawn(surface.place(point)), 0.9, MARK, None);
+            }
+            for &[x, y, z, side] in &surface.balls {
+                let [right, down] = drawn([x, y, z]);
+                paper.circle([right, down - side * BALL], BALL, Color::GREY, Some(OUTLINE));
             }
             ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(drawn), HIDDEN));
             ceiling.stops.iter().for_each(|&stop| draw_stop(paper, drawn(stop), -1.0));

@@ -32,6 +32,8 @@ pub struct Frames {
     obstacles: [Vec<Vec<f64>>; 2],
     /// Points in contact, by frame.
     touching: Vec<Vec<u32>>,
+    /// Points of balls, by frame.
+    balls: Vec<Vec<[f64; 4]>>,
 }
 
 impl Frames {
@@ -75,6 +77,7 @@ impl Frames {
                 frames.push(taken(heights));
             }
         }
+        self.balls.push(surface.balls.clone());
         let touched = surface.reaction.iter().enumerate().filter(|(_, reaction)| **reaction != 0.0);
         let touched: Vec<usize> = touched.map(|(point, _)| point).collect();
         let mut touching: Vec<u32> =
@@ -118,6 +121,7 @@ impl Frames {
         });
         data.indices("touch_ends", &ends.collect::<Vec<u32>>());
         data.indices("touch", &self.touching.concat());
+        data.floats("balls", self.balls.concat().as_flattened().iter().copied());
 
         let quantum = data.levels("deflection", &self.deflection);
         let mut colors =

@@ -102,7 +102,9 @@ fn supports(scene: &Value) -> String {
         }
     }
     let words = |(kind, edges, points): (String, Vec<String>, usize)| {
-        let edges = (!edges.is_empty()).then(|| format!("along {}", edges.join(", ")));
+        let is_all_round = edges.len() == 4 && edges.iter().all(|edge| edge.ends_with(" edge"));
+        let along = || if is_all_round { "all edges".to_owned() } else { edges.join(", ") };
+        let edges = (!edges.is_empty()).then(|| format!("along {}", along()));
         let points = match points {
             0 => None,
             1 => Some("at a point".to_owned()),

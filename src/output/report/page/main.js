@@ -69,9 +69,20 @@ class Player {
     this.heights = { floor: new Float32Array(n), ceiling: new Float32Array(n) };
     this.bolts = Uint32Array.from(meta.bolts, (place) => this.#nearest(place));
     this.ranges = this.#ranges();
+    this.balls = arrays.balls.length / 4 / this.times.length;
     this.middle = this.#middle();
     this.#controls();
     this.draw();
+  }
+
+  /** Returns x, y, height and side of the balls near the plate at a place between frames. */
+  #ballsAt(place) {
+    const { balls, arrays, times, ranges } = this, [low, high] = ranges.deflection;
+    const frame = Math.min(Math.floor(place), times.length - 1), next = Math.min(frame + 1, times.length - 1);
+    const number = (at, ball, i) => arrays.balls[4 * (at * balls + ball) + i];
+    const of = (ball) => [0, 1, 2, 3].map((i) => number(frame, ball, i) + (place - frame) * (number(next, ball, i) - number(frame, ball, i)));
+    const far = 3 * Math.max(Math.abs(low), Math.abs(high), high - low);
+    return Array.from({ length: balls }, (_, ball) => of(ball)).filter(([, , height]) => Math.abs(height) <= far);
   }
 
   /** Returns the shown point nearest to a place on the plate. */
@@ -226,7 +237,7 @@ class Player {
     const [low, high] = ranges[by];
     this.view.show({
       w: this.w, values: this.values, range: [low, high > low ? high : low + 1], scale: Number($("scale").value) || 1,
-      middle: this.middle, floor: wall("floor"), ceiling: wall("ceiling"), touch, bolts: this.bolts, ink: dark ? [0.85, 0.87, 0.9] : [0.15, 0.17, 0.2],
+      middle: this.middle, floor: wall("floor"), ceiling: wall("ceiling"), touch, bolts: this.bolts, balls: this.#ballsAt(place), ink: dark ? [0.85, 0.87, 0.9] : [0.15, 0.17, 0.2],
     });
     const time = this.time(), words = engineering(time, "s");
     const { label, unit } = this.meta.colors.find(({ name }) => name === by);

@@ -99,6 +99,7 @@ export class View {
     if (state.ceiling) this.#wall(state.ceiling, [...GREY, 0.22], 1);
     gl.depthMask(true);
     gl.disable(gl.BLEND);
+    this.#balls(ratio);
     this.#points(state.bolts, [...state.ink, 1]);
     this.#points(state.touch, [0.9, 0.36, 0, 1]);
   }
@@ -165,6 +166,20 @@ export class View {
     this.#triangles(corners, 2, color);
     gl.disable(gl.POLYGON_OFFSET_FILL);
     this.#triangles(pegs, 2, [...GREY, 1]);
+  }
+
+  /** Draws balls, whose size no scene tells, on the point that touches the plate. */
+  #balls(ratio) {
+    const { gl, state, size } = this;
+    if (state.balls.length === 0) return;
+    const centres = state.balls.map(([x, y, z, side]) => [x, y, z + (side * 0.02 * size) / state.scale, 0, 0, 0]);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.other);
+    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(centres.flat()), gl.DYNAMIC_DRAW);
+    this.#attributes(this.buffers.other);
+    gl.uniform1f(this.place("bulk"), 24 * ratio);
+    this.#paint(3, [0.5, 0.5, 0.55, 1]);
+    gl.drawArrays(gl.POINTS, 0, centres.length);
+    gl.uniform1f(this.place("bulk"), 7 * ratio);
   }
 
   /** Draws dots at some points, such as bolts and contacts. */
