@@ -329,9 +329,13 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<Watched> {
         fields.sample(&model.system, scheme.as_mut()).map(|snapshot| vtu::size(&snapshot, bits))
     };
     let snapshot = model.fields.as_ref().map(sample).transpose()?;
+    let mut stresses = model.stress_watch();
     let clock = Instant::now();
     while scheme.step() < scene.time.steps() && (scheme.step() == 0 || clock.elapsed() < WATCH) {
         scheme.advance()?;
+        if let Some(stresses) = &mut stresses {
+            stresses.note(&model.system.engine, scheme.displacement(), scheme.time())?;
+        }
     }
     let seconds_per_step = clock.elapsed().as_secs_f64() / scheme.step().max(1) as f64;
     Ok(Watched { set_up, seconds_per_step, snapshot })

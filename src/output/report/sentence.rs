@@ -152,6 +152,10 @@ fn loads(scene: &Value) -> Vec<String> {
     if list(&scene["load"], "force").next().is_some() {
         parts.push("point forces".into());
     }
+    let base = &scene["load"]["base_acceleration"];
+    if !base.is_null() && base.as_f64() != Some(0.0) {
+        parts.push("on a base that accelerates".into());
+    }
     if scene["load"]["gravity"].as_f64().is_some_and(|gravity| gravity != 0.0) {
         parts.push("gravity".into());
     }
