@@ -1,4 +1,4 @@
-//! Forces of named supports and obstacles, as a run reports them.
+//! Forces of obstacles and named supports, as a run reports them.
 
 use serde::{Deserialize, Serialize};
 
@@ -17,7 +17,7 @@ pub struct HardestImpact {
     pub impulse: f64,
 }
 
-/// Forces of a named obstacle over a run.
+/// Forces of an obstacle over a run.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ObstacleForce {
     /// Force of largest magnitude over all steps, in N, positive upwards.
@@ -64,7 +64,7 @@ pub struct NodeReaction {
     pub moments: [f64; 2],
 }
 
-/// Forces of a named support or obstacle over a run.
+/// Forces of an obstacle or a named support over a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 #[serde(untagged)]
 pub enum NamedForce {

@@ -143,7 +143,7 @@ impl<E: Engine> TimeLoop<'_, E> {
     }
 
     /// Extends, begins and ends the contacts of this process's nodes, and records the forces of
-    /// named supports and obstacles.
+    /// obstacles and named supports.
     fn follow_contacts(&mut self, contact: &StepContact) -> Result<()> {
         let TimeLoop { scene, model, scheme, monitor, .. } = self;
         monitor.contacts.record(&model.sites, scene.time.step, *scheme, &contact.events, contact.is_free);

@@ -39,7 +39,7 @@ fn merged(mut surface: Surface) -> Surface {
     surface
 }
 
-/// Reduces the faces of a fine surface to those of the mesh or, where the mesh has too many faces
+/// Reduces the faces of a fine surface to the cells of the mesh or, where the mesh has too many
 /// as well, by clustering of its points (Rossignac and Borrel, *Multi-resolution 3D approximations
 /// for rendering complex scenes*, 1993). Rims, holes and corners stay.
 pub fn coarsened(surface: Surface) -> Surface {

@@ -1,9 +1,9 @@
 //! `report.html`: a run in one page that needs no network.
 //!
-//! The page tells the scene and the key numbers, shows the plate in motion beside its time series,
-//! and lists the contacts. All its parts are in the one file: the script and the style of the
-//! folder `page`, the numbers ([`blob`]), and the pictures of `rebond plot`. A policy in its head
-//! forbids it any access to a network.
+//! The page begins with one sentence on the plate, the plate in motion and the answers of the run.
+//! Time series, contacts, pictures, the scene and its numerics follow. All its parts are in the one
+//! file: the script and the style of the folder `page`, the numbers ([`blob`]), and the pictures of
+//! `rebond plot`. A policy in its head forbids it any access to a network.
 
 pub mod blob;
 mod frames;

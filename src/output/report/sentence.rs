@@ -84,7 +84,7 @@ fn plate(scene: &Value) -> String {
     format!("{material}, {thickness}{size}")
 }
 
-/// Returns the supports, those of a kind together.
+/// Returns the supports, grouped by kind.
 fn supports(scene: &Value) -> String {
     let mut kinds: Vec<(String, Vec<String>, usize)> = Vec::new();
     for support in list(scene, "support") {

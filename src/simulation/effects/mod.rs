@@ -66,7 +66,7 @@ pub(super) struct Effects<E: Engine> {
     /// Deflections of the engine's dofs; the bounded ones come first, in the order of the bounds.
     pub sites: Vec<DeflectionDof>,
     pub places: DofCoordinates,
-    /// Obstacles behind the bounds, if any of them has a name.
+    /// Obstacles behind the bounds, if there is anything to touch.
     pub attribution: Option<Attribution>,
     /// Reactions of the supports, if any of them has a name.
     pub reactions: Option<Reactions>,
