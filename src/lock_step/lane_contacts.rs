@@ -182,7 +182,14 @@ mod tests {
                 let (mut x, mut reaction) = ([0.0; N], [0.0; N]);
                 let (lower, upper) = (lane_of(&problem.lower), lane_of(&problem.upper));
                 let (free, lower, upper) = (&[0.0; N], &lower, &upper);
-                let alone = ComplianceProblem { compliance: &compliance, free, lower, upper, laws: None };
+                let alone = ComplianceProblem {
+                    compliance: &compliance,
+                    free,
+                    lower,
+                    upper,
+                    laws: None,
+                    softness: &[],
+                };
                 solver.solve(alone, &mut x, &mut reaction);
                 if lane == 3 {
                     assert_eq!(lane_of(&solved.reaction), [0.0; N]);

@@ -357,7 +357,11 @@ impl LaneLevels {
         let (mut x, mut r) = (free.clone(), free.clone());
         let compliance = &equations.compliance;
         let solver = &mut self.solvers[lane];
-        solver.solve(ComplianceProblem { compliance, free, lower, upper, laws: None }, &mut x, &mut r);
+        solver.solve(
+            ComplianceProblem { compliance, free, lower, upper, laws: None, softness: &[] },
+            &mut x,
+            &mut r,
+        );
         let largest = bounds.clone().map(|i| u[i].0[lane].abs()).fold(data.magnitude.0[lane], f64::max);
         if !solver.active().is_empty() {
             kkt.0[lane] += if solver.residual == 0.0 { 0.0 } else { solver.residual / largest };

@@ -224,17 +224,19 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
     }
     let is_modal = scene.time.mass == Mass::Modal;
     if let Some(key) = scene.stop_damping()
-        && is_modal
+        && !able.takes_stop_damping[usize::from(is_modal)]
     {
-        let wrong = "time.mass = \"modal\" follows plates whose stops have no damping of their own";
-        let others = "0, or time.mass = \"singular\" with time.scheme = \"newmark\" or \"midpoint\"";
-        return Err(doc.fault(&key, format!("{wrong}; expected {others}")));
-    }
-    if let Some(key) = scene.stop_damping()
-        && !able.takes_stop_damping
-    {
-        let what = "follows plates whose stops have no damping of their own";
-        return refuse(&key, what, "0, or time.scheme = \"newmark\" or \"midpoint\"");
+        let (what, others) = match is_modal {
+            true => (
+                "with time.mass = \"modal\" follows no damped tips",
+                "0, or time.scheme = \"conserving\", or time.mass = \"singular\" with \"newmark\" or \"midpoint\"",
+            ),
+            false => (
+                "follows no damped tips",
+                "0, or time.scheme = \"newmark\" or \"midpoint\", or \"conserving\" with time.mass = \"modal\"",
+            ),
+        };
+        return refuse(&key, what, others);
     }
     if let Some((key, law)) = scene.yielding_stop()
         && !able.takes_laws

@@ -90,7 +90,7 @@ table! {
         /// rigid.
         stiffness: Option<f64> = per_site(positive, "a stiffness", STIFFNESS).optional();
         /// N s/m, N s/m2, N s/m3; at least 0, by default 0, beside a `stiffness`, with `newmark`
-        /// and `midpoint`; not with `"hertz"`.
+        /// and `midpoint`, and with `conserving` on the modal mass; not with `"hertz"`.
         damping: Option<f64> = per_site(not_negative, "a damping", DAMPING).optional();
     }
 }

@@ -154,8 +154,21 @@ pub struct TimeDependence {
     pub modal: Option<ModalDamping>,
     /// Damping of compliant stops, in N s/m: what it adds to Rayleigh's damping of their springs.
     pub dashpots: Option<Form>,
+    /// Damped tips of compliant stops that this rank has; `None` where no rank has any.
+    pub viscous_tips: Option<Vec<ViscousTip>>,
     /// Dry friction at bounded dofs of this rank; `None` where no rank has any.
     pub sliders: Option<Vec<BoundSlider>>,
+}
+
+/// Bounded tip without mass, behind a spring and a dashpot.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ViscousTip {
+    /// Index of its bound.
+    pub bound: usize,
+    /// Stiffness, in N/m.
+    pub stiffness: f64,
+    /// Damping, in N s/m.
+    pub damping: f64,
 }
 
 /// Motion of supports, and the quasi-static shape that it gives the plate per metre.

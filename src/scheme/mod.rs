@@ -43,7 +43,9 @@ mod step_driver;
 
 pub use balance::StepBalance;
 pub use conserving::{Conserving, RelaxationStatistics};
-pub use drive::{BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, SupportMotion, TimeDependence};
+pub use drive::{
+    BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, SupportMotion, TimeDependence, ViscousTip,
+};
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use massless::contact_compliance::ContactCompliance;

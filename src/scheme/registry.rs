@@ -41,8 +41,8 @@ pub struct Capabilities {
     /// Whether damping by the stiffness and of single modes is possible, besides that by the mass,
     /// with the paper's singular mass.
     pub takes_any_damping: bool,
-    /// Whether compliant stops may have dashpots.
-    pub takes_stop_damping: bool,
+    /// Whether compliant stops may have dashpots: with the paper's masses, and with the modal mass.
+    pub takes_stop_damping: [bool; 2],
     /// Whether bounds may yield by laws of contact.
     pub takes_laws: bool,
     /// Whether sliders may dissipate energy.
@@ -66,7 +66,7 @@ const NEWMARK: Capabilities = Capabilities {
     needs_singular_mass: None,
     bounces_with_consistent_mass: true,
     takes_any_damping: true,
-    takes_stop_damping: true,
+    takes_stop_damping: [true, false],
     takes_laws: true,
     takes_friction: true,
     takes_time_dependence: true,
@@ -92,7 +92,7 @@ const CONSERVING: Capabilities = Capabilities {
         "with this mass velocities jump at impacts, and nothing says what energy is left",
     ),
     takes_any_damping: false,
-    takes_stop_damping: false,
+    takes_stop_damping: [false, true],
     takes_friction: false,
     keeps_energy: true,
     factors: [2, 2],
@@ -104,7 +104,7 @@ const EXACT: Capabilities = Capabilities {
     options: &[],
     needs_singular_mass: Some("with this mass an impact has no law of its own to follow"),
     takes_any_damping: false,
-    takes_stop_damping: false,
+    takes_stop_damping: [false, false],
     takes_laws: false,
     takes_friction: false,
     takes_time_dependence: false,

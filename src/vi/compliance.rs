@@ -63,6 +63,9 @@ pub struct ComplianceProblem<'a> {
     pub upper: &'a [f64],
     /// Laws by which the bounds yield; `None` where all are rigid.
     pub laws: Option<&'a Laws>,
+    /// Compliances of bounds without laws, which join the diagonal of R, in m/N; empty where there
+    /// are none.
+    pub softness: &'a [f64],
 }
 
 impl ComplianceSolver {
@@ -83,6 +86,10 @@ impl ComplianceSolver {
     /// Solves for the deflections x (m) and reactions r (N). Entries are NaN where the compliance
     /// of the dofs in contact is not positive definite to rounding.
     pub fn solve(&mut self, problem: ComplianceProblem, x: &mut [f64], reaction: &mut [f64]) {
+        if !problem.softness.is_empty() {
+            self.softness.clear();
+            self.softness.extend(problem.softness.iter().map(|softness| [*softness; 2]));
+        }
         match problem.laws.filter(|laws| !laws.are_rigid()) {
             None => self.solve_rigid(problem, x, reaction),
             Some(laws) => self.solve_yielding(problem, laws, x, reaction),

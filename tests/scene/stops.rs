@@ -86,17 +86,17 @@ fn bad_values_are_refused_by_name() {
         (
             &damped,
             "scheme = \"exact\", mass = \"singular\"",
-            "obstacle.0.damping: time.scheme = \"exact\" follows plates",
+            "obstacle.0.damping: time.scheme = \"exact\" follows no damped",
         ),
         (
             &damped,
             "scheme = \"conserving\", mass = \"singular\"",
-            "obstacle.0.damping: time.scheme = \"conserving\" follows plates",
+            "obstacle.0.damping: time.scheme = \"conserving\" follows no damped",
         ),
         (
             &damped,
-            "scheme = \"conserving\", mass = \"modal\"",
-            "obstacle.0.damping: time.mass = \"modal\" follows plates",
+            "scheme = \"newmark\", mass = \"modal\"",
+            "obstacle.0.damping: time.scheme = \"newmark\" with time.mass = \"modal\" follows no damped",
         ),
         (
             &damped,

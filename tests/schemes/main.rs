@@ -18,6 +18,7 @@ mod impulses;
 mod kinks;
 mod modal;
 mod modal_compliance;
+mod modal_damped_stops;
 mod modal_damping;
 mod modal_hertz;
 mod modal_implicit;

@@ -34,7 +34,7 @@ fn hertz(stiffness: &[[f64; 2]]) -> Laws {
 
 /// Asserts x = y + R r, and for each dof the conditions of its bounds.
 fn assert_solved(problem: ComplianceProblem, x: &[f64], r: &[f64], what: &str) -> usize {
-    let ComplianceProblem { compliance, free, lower, upper, laws } = problem;
+    let ComplianceProblem { compliance, free, lower, upper, laws, .. } = problem;
     let most = r.iter().fold(0.0, |most: f64, r| most.max(r.abs()));
     let mut pressed = 0;
     for i in 0..SIZE {
@@ -91,6 +91,7 @@ fn answers_satisfy_the_law_at_any_stiffness() {
                 lower: &lower,
                 upper: &upper,
                 laws: Some(&laws),
+                softness: &[],
             };
             let (mut x, mut r) = (vec![0.0; SIZE], vec![0.0; SIZE]);
             solver.solve(problem, &mut x, &mut r);
@@ -113,7 +114,14 @@ fn stiff_bounds_become_rigid() {
         let laws = hertz(stiffness);
         let (mut x, mut r) = (vec![0.0; SIZE], vec![0.0; SIZE]);
         let [lower, upper] = limits.each_ref().map(|of| &**of);
-        let problem = ComplianceProblem { compliance: &matrix, free: &free, lower, upper, laws: Some(&laws) };
+        let problem = ComplianceProblem {
+            compliance: &matrix,
+            free: &free,
+            lower,
+            upper,
+            laws: Some(&laws),
+            softness: &[],
+        };
         ComplianceSolver::new(SIZE).solve(problem, &mut x, &mut r);
         x
     };

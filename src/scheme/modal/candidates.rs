@@ -51,12 +51,14 @@ impl<E: Engine> ModalScheme<'_, E> {
             data.select(&candidates);
             Rc::new(data)
         };
+        self.tips.extend(&candidates, &old, [&mut self.now, &mut self.before]);
         let same = Rc::ptr_eq(&self.now.data, &self.before.data);
         self.now.data = selected(&self.now.data);
         self.before.data = if same { self.now.data.clone() } else { selected(&self.before.data) };
         for state in [&mut self.now, &mut self.before] {
             state.extend(&self.model, &self.rows, &old);
         }
+        self.tips.begin(&self.before);
         let is_newmark = self.newmark_parameters().is_some();
         let ModalScheme { implicit, model, rows, before, now, .. } = self;
         implicit.extend(model, rows, &old);
@@ -69,6 +71,9 @@ impl<E: Engine> ModalScheme<'_, E> {
             }
         }
         self.contact = extended(&self.contact, &self.model, &old);
+        if self.tips.are_there() {
+            self.contact.prepare_softness();
+        }
         let last_mean = |i| old.binary_search(i).map_or(0.0, |k| self.mean[k]);
         self.mean = candidates.iter().map(last_mean).collect();
         self.shown.forget();

@@ -67,7 +67,8 @@ impl ContactModel {
         lower: &'a [f64],
         upper: &'a [f64],
     ) -> ComplianceProblem<'a> {
-        ComplianceProblem { compliance: &self.compliance, free, lower, upper, laws: Some(&self.laws) }
+        let (compliance, laws) = (&self.compliance, Some(&self.laws));
+        ComplianceProblem { compliance, free, lower, upper, laws, softness: &[] }
     }
 
     /// Adds candidates, ascending numbers of bounds, given the limits at rest of all bounds and the

@@ -115,6 +115,7 @@ impl Implicit {
             upper: &upper,
             compliance: &self.compliance,
             laws: Some(&laws),
+            softness: &[],
         };
         self.contact.solve(problem, &mut self.x, &mut self.reaction);
         let sides = self.contact.sides.iter().enumerate();

@@ -36,7 +36,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             }
             let gain = self.solve_midpoint(next.as_ref());
             self.note_implicit();
-            self.settle();
+            self.settle(dt);
             self.span = dt;
             if !self.comes_late(true)? {
                 break gain;

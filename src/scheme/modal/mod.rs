@@ -74,6 +74,7 @@ mod scheme;
 mod shown;
 mod state;
 mod stepping;
+mod viscous_tips;
 
 use super::massless::modal_saddle_point::ModalSaddlePoint;
 use super::{Approach, NewmarkParameters, RelaxationStatistics, Start, StepRecord, System};
@@ -98,6 +99,7 @@ use shown::Shown;
 use state::State;
 use std::f64::consts::TAU;
 use std::rc::Rc;
+use viscous_tips::ViscousTips;
 
 /// Longest part of a step, in periods of the fastest mode.
 const PART: f64 = 0.1;
@@ -120,6 +122,7 @@ pub struct ModalScheme<'s, E: Engine> {
     /// Length of the next step in contact, in s.
     length: f64,
     contact: ComplianceSolver,
+    tips: ViscousTips,
     reach: Reach,
     flight: Flight,
     /// Mode shapes at the candidates, one column each.
@@ -205,6 +208,11 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
         };
+        if system.drive.viscous_tips.is_some() && rule != StepRule::Splitting {
+            return Err(Error::Usage(
+                "obstacle.damping: with time.mass = \"modal\" expected time.scheme = \"conserving\"".into(),
+            ));
+        }
         let modes = modes.clone();
         let saddle = ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), &modes)?;
         let global = Rc::new(AllBounds::new(system));
@@ -226,6 +234,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
             other: Rotation::new(&modes.squares, &decays, part),
             length: part,
             contact: ComplianceSolver::new(0),
+            tips: ViscousTips::new(system, &global),
             reach: Reach::new(shapes, [&modes.squares, &decays], part, !system.drive.varies()),
             flight: Flight::default(),
             rows: Mat::new(),
@@ -268,7 +277,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
     fn begin(&mut self) -> Result<()> {
         // Reactions lift further nodes, or press them.
         while self.admit_near()? {
-            self.settle();
+            self.settle(f64::INFINITY);
         }
         let State { q, reaction, data, .. } = &self.now;
         let [kinetic, elastic] = self.now.energies(&self.modes.squares);

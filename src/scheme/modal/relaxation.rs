@@ -6,6 +6,7 @@ use super::increments::Increments;
 use super::limits::Limits;
 use super::state::State;
 use super::state::energy;
+use super::viscous_tips::ViscousTips;
 use super::{Balance, ModalScheme};
 use crate::error::Result;
 use crate::kernels::lanes::sum;
@@ -29,6 +30,7 @@ const KEPT: f64 = 4.0 * f64::EPSILON;
 struct ContactStep<'a> {
     contact: &'a mut ComplianceSolver,
     model: &'a ContactModel,
+    tips: &'a ViscousTips,
     now: &'a mut State,
     /// Deflections of the candidates without reactions before the step, and their change, in m.
     y: &'a [f64],
@@ -38,6 +40,8 @@ struct ContactStep<'a> {
     change: Option<&'a Limits>,
     present: &'a mut Limits,
     gamma: f64,
+    /// Length of the whole step, in s.
+    seconds: f64,
     /// Coefficients of 1, gamma and gamma^2 of the excess without the rest, in J.
     energy: [f64; 3],
     /// Error at which the search ends, in J.
@@ -46,7 +50,7 @@ struct ContactStep<'a> {
 
 impl RelaxedStep for ContactStep<'_> {
     fn move_to(&mut self, gamma: f64) -> Result<()> {
-        let ContactStep { now, from, change, present, model, .. } = self;
+        let ContactStep { now, from, change, present, .. } = self;
         self.gamma = gamma;
         waxpy(gamma, self.dy, self.y, &mut now.y);
         let limits = match change {
@@ -57,8 +61,7 @@ impl RelaxedStep for ContactStep<'_> {
             }
             None => *from,
         };
-        let Limits { lower, upper, .. } = limits;
-        self.contact.solve(model.problem(&now.y, lower, upper), &mut now.x, &mut now.reaction);
+        self.tips.solve(self.contact, self.model, now, limits, gamma * self.seconds);
         Ok(())
     }
 
@@ -66,8 +69,10 @@ impl RelaxedStep for ContactStep<'_> {
         let ContactStep { now, energy: [constant, linear, quadratic], gamma, .. } = self;
         let active = self.contact.active().iter();
         let rest: f64 = active.map(|&i| 0.5 * now.reaction[i] * (now.x[i] - now.y[i])).sum();
-        let stored = self.model.laws.stored_under(&now.reaction);
-        Ok([constant + gamma * (linear + gamma * quadratic) + rest + stored, self.enough])
+        let stored = self.model.laws.stored_under(&now.reaction) + self.tips.stored(now);
+        let dissipated = self.tips.dissipated(now, gamma * self.seconds);
+        let excess = constant + gamma * (linear + gamma * quadratic) + rest + stored + dissipated;
+        Ok([excess, self.enough])
     }
 
     fn slope(&mut self) -> Result<f64> {
@@ -77,9 +82,11 @@ impl RelaxedStep for ContactStep<'_> {
             (Some(change), _) => change.lower[i],
             (None, _) => 0.0,
         };
-        let active = self.contact.active().iter();
-        let rest: f64 = active.map(|&i| self.now.reaction[i] * (moved(i) - self.dy[i])).sum();
-        Ok(linear + 2.0 * self.gamma * quadratic + rest)
+        let active = self.contact.active();
+        let rises: Vec<f64> = active.iter().map(|&i| moved(i) - self.dy[i]).collect();
+        let rest: f64 = active.iter().zip(&rises).map(|(&i, rise)| self.now.reaction[i] * rise).sum();
+        let dashpots = self.tips.slope(self.contact, self.now, rises, self.seconds, self.gamma);
+        Ok(linear + 2.0 * self.gamma * quadratic + rest + dashpots)
     }
 }
 
@@ -90,6 +97,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     pub(super) fn keep_energy(
         &mut self,
         next: Option<&Rc<ModalData>>,
+        seconds: f64,
         exchanged: [f64; 2],
         is_last: bool,
     ) -> Result<Option<(f64, f64)>> {
@@ -99,7 +107,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         waxpy(-1.0, &before.v, &now.v, dv);
         dy.resize(now.y.len(), 0.0);
         waxpy(-1.0, &before.y, &now.y, dy);
-        self.relax(next, exchanged, is_last)
+        self.relax(next, seconds, exchanged, is_last)
     }
 
     /// Finds the step length that keeps the energy, and sets the present state to it. Returns gamma
@@ -108,6 +116,7 @@ impl<E: Engine> ModalScheme<'_, E> {
     fn relax(
         &mut self,
         next: Option<&Rc<ModalData>>,
+        seconds: f64,
         [received, dissipated]: [f64; 2],
         is_last: bool,
     ) -> Result<Option<(f64, f64)>> {
@@ -115,11 +124,13 @@ impl<E: Engine> ModalScheme<'_, E> {
         let (energy, size) = self.excess(received + obstacles - dissipated);
         let State { reaction, x, y, .. } = &self.before;
         let rest: f64 = reaction.iter().zip(x.iter().zip(y)).map(|(r, (x, y))| 0.5 * r * (x - y)).sum();
-        let start = energy[0] + rest + self.model.laws.stored_under(reaction);
+        let stored = self.model.laws.stored_under(reaction) + self.tips.stored(&self.before);
+        let start = energy[0] + rest + stored;
         let increments = &self.increments;
         let mut step = ContactStep {
             contact: &mut self.contact,
             model: &self.model,
+            tips: &self.tips,
             now: &mut self.now,
             y,
             dy: &increments.y,
@@ -127,6 +138,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             change: next.map(|_| &increments.limits),
             present: &mut self.present,
             gamma: 1.0,
+            seconds,
             energy,
             enough: KEPT * size,
         };

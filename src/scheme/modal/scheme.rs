@@ -136,15 +136,14 @@ impl<E: Engine> ModalScheme<'_, E> {
         }
         shown.settle_free(&self.rows);
         let mut contact = self.contact.clone();
-        let State { y, x, reaction, data, .. } = &mut shown;
-        let Limits { lower, upper, .. } = &data.near;
-        contact.solve(self.model.problem(y, lower, upper), x, reaction);
+        let data = shown.data.clone();
+        self.tips.solve(&mut contact, &self.model, &mut shown, &data.near, share * self.span);
         (shown, contact)
     }
 
     /// Returns the energy stored in bounds that yield at or just after the instant, in J.
     fn stored_energy(&self) -> f64 {
-        let between = || self.model.laws.stored_under(&self.now.reaction);
+        let between = || self.model.laws.stored_under(&self.now.reaction) + self.tips.stored(&self.now);
         self.newmark_parameters()
             .map_or_else(between, |parameters| parameters.stored_now(self.implicit.stored))
     }
@@ -224,7 +223,8 @@ impl<E: Engine> Solution for ModalScheme<'_, E> {
     }
 
     /// Returns the rate of the displacement, with the nodes in contact following their obstacles,
-    /// in m/s; the central velocity for the Newmark scheme.
+    /// in m/s; the central velocity for the Newmark scheme. With damped stops the rest follows the
+    /// reactions over the last step.
     fn velocity(&mut self) -> Result<Vec<f64>> {
         if self.newmark_parameters().is_some() {
             return Ok(self.central_velocity());
@@ -235,6 +235,13 @@ impl<E: Engine> Solution for ModalScheme<'_, E> {
         let contact = if self.ahead > 0.0 { &self.between().1 } else { &self.contact };
         let active = contact.active();
         if active.is_empty() || self.record.step == 0 {
+            return Ok(rates);
+        }
+        if self.tips.are_there() {
+            let reactions = self.now.reaction.iter().zip(&self.before.reaction);
+            for (i, (now, before)) in reactions.enumerate().filter(|(_, (now, before))| now != before) {
+                axpy((now - before) / self.span, &self.model.flexibility[i], &mut rates);
+            }
             return Ok(rates);
         }
         let (now, before) = (&self.now.data, &self.before.data);

@@ -32,6 +32,8 @@ pub(super) struct State {
     pub x: Vec<f64>,
     /// Reactions, in N.
     pub reaction: Vec<f64>,
+    /// Distances of damped tips below those of undamped stops, in m; empty where no stop is damped.
+    pub lags: Vec<f64>,
     /// Velocities of the support frame, in m/s, one entry per motion.
     pub frame_rates: Vec<f64>,
     pub data: Rc<ModalData>,
@@ -97,6 +99,7 @@ impl State {
             },
         );
         x.clone_from(y);
+        x.iter_mut().zip(&self.lags).for_each(|(x, lag)| *x -= lag);
         self.is_settled = true;
     }
 
@@ -135,6 +138,9 @@ impl State {
         modal.archive(&mut self.v, archive)?;
         for vector in [&mut self.y, &mut self.x, &mut self.reaction] {
             archive.value(vector)?;
+        }
+        if !self.lags.is_empty() {
+            archive.value(&mut self.lags)?;
         }
         archive.value(&mut self.is_settled)?;
         archive.value(&mut self.frame_rates)?;

@@ -3,7 +3,6 @@
 use super::ModalScheme;
 use super::data::ModalData;
 use super::increments::Increments;
-use super::limits::Limits;
 use super::reach::Finding;
 use super::state::energy;
 use super::state::{State, kick};
@@ -22,12 +21,13 @@ use std::rc::Rc;
 const ALL_HALVINGS: usize = 40;
 
 impl<E: Engine> ModalScheme<'_, E> {
-    /// Computes the bounded deflections and reactions of the present q.
-    pub(super) fn settle(&mut self) {
+    /// Computes the bounded deflections and reactions of the present q, some time (s) after the
+    /// state before.
+    pub(super) fn settle(&mut self, seconds: f64) {
         self.now.settle_free(&self.rows);
-        let State { y, x, reaction, data, .. } = &mut self.now;
-        let Limits { lower, upper, .. } = &data.near;
-        self.contact.solve(self.model.problem(y, lower, upper), x, reaction);
+        let ModalScheme { now, contact, model, tips, .. } = self;
+        let data = now.data.clone();
+        tips.solve(contact, model, now, &data.near, seconds);
         self.note_answer(answer(&self.contact));
     }
 
@@ -76,13 +76,15 @@ impl<E: Engine> ModalScheme<'_, E> {
         self.now.v.copy_from_slice(v);
         self.now.frame_rates.clone_from(frame_rates);
         self.now.data = next.unwrap_or(data).clone();
+        self.tips.begin(&self.before);
         if flies {
             self.now.release();
+            self.tips.fly(&mut self.now, seconds);
             return self.rotate(next, seconds);
         }
         kick(&self.rows, reaction, 0.5 * seconds, &mut self.now.v);
         let [received, dissipated] = self.rotate(next, seconds);
-        self.settle();
+        self.settle(seconds);
         kick(&self.rows, &self.now.reaction, 0.5 * seconds, &mut self.now.v);
         [received, dissipated - self.dissipation_by_kicks(seconds)]
     }
@@ -156,7 +158,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             let exchanged = self.propose(next.as_ref(), seconds, flies);
             let touches = self.before.touches() || self.now.touches();
             let taken = match touches {
-                true => self.keep_energy(next.as_ref(), exchanged, halvings == ALL_HALVINGS)?,
+                true => self.keep_energy(next.as_ref(), seconds, exchanged, halvings == ALL_HALVINGS)?,
                 false => Some((1.0, 0.0)),
             };
             let Some((gamma, obstacles)) = taken else {
@@ -208,8 +210,9 @@ impl<E: Engine> ModalScheme<'_, E> {
 
     /// Adds an accepted step to the work and the statistics.
     fn note_step(&mut self, gamma: f64, [received, dissipated]: [f64; 2], obstacles: f64) {
+        let dashpots = self.tips.dissipated(&self.now, self.span);
         self.balance.work += gamma * (received + obstacles);
-        self.relaxation.note(gamma, gamma * dissipated, true);
+        self.relaxation.note(gamma, gamma * dissipated + dashpots, true);
     }
 
     /// Keeps the last state before contact of nodes that begin to touch.

@@ -142,6 +142,12 @@ impl Contributions {
         })
     }
 
+    /// Returns the damped links; `None` where no process has any. Collective.
+    pub fn damped_links(&self, comm: &impl Communicator) -> Option<impl Iterator<Item = &Link>> {
+        let damped = self.links.iter().filter(|link| link.damping > 0.0);
+        comm.all_reduce_any(damped.clone().next().is_some()).then_some(damped)
+    }
+
     /// Returns the damping of the links less the Rayleigh damping of their springs, with the
     /// coefficient `beta` in s; `None` where both are zero. Collective.
     pub fn dashpots(&self, beta: f64, comm: &impl Communicator) -> Option<Vec<ElementMatrix>> {

@@ -1,6 +1,6 @@
 //! Heights of the obstacles as bounds on deflections.
 
-use super::contributions::Body;
+use super::contributions::{Body, Link};
 use super::ground::BuildContext;
 use super::motion::Lift;
 use super::sliders::SliderDof;
@@ -12,6 +12,7 @@ use crate::mesh::Point;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
 use crate::scene::{self, Compliance, FieldInput, Scene, Side};
+use crate::scheme::ViscousTip;
 use crate::simulation::DeflectionDof;
 use crate::simulation::regions::nodes_in;
 use std::sync::Arc;
@@ -63,6 +64,19 @@ pub(super) fn sites<P: Partition>(
     sites.sort_by_key(|(is_free, site)| (*is_free, site.dof));
     let bounded = sites.iter().filter(|(is_free, _)| !is_free).count();
     (sites.into_iter().map(|(_, site)| site).collect(), bounded)
+}
+
+/// Returns the damped tips that this process has; `None` where no process has any. Collective.
+pub(super) fn viscous_tips<P: Partition>(
+    ground: &BuildContext<P>,
+    bounded: &[DeflectionDof],
+) -> Option<Vec<ViscousTip>> {
+    let tip = |&Link { tip, stiffness, damping, .. }: &Link| {
+        let dof = ground.partition.own_dof(tip)?;
+        let bound = bounded.binary_search_by_key(&dof, |site| site.dof).ok()?;
+        Some(ViscousTip { bound, stiffness, damping })
+    };
+    Some(ground.terms.damped_links(ground.comm())?.filter_map(tip).collect())
 }
 
 /// Obstacle with the bounds that it affects, and their positions.

@@ -157,6 +157,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let (sites, bounded) = heights::sites(ground, &opposite, &sliders);
     let heights = Heights::new(ground, &opposite, &sites[..bounded], &sliders, &lifts)?;
     system.drive.sliders = sliders::bounded(ground, &sliders, &sites[..bounded]);
+    system.drive.viscous_tips = heights::viscous_tips(ground, &sites[..bounded]);
     let attribution = Attribution::if_any(ground, &opposite, &sites[..bounded])?;
     let dofs = system.engine.dofs();
     let moving = |lift: &Lift| lift.moving(ground, &sites[..bounded], dofs);

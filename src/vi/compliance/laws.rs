@@ -43,7 +43,9 @@ impl ComplianceSolver {
     ) {
         let ComplianceProblem { compliance, free, lower, upper, .. } = problem;
         self.prepare_softness();
-        self.softness.fill([0.0; 2]);
+        if problem.softness.is_empty() {
+            self.softness.fill([0.0; 2]);
+        }
         let bound = |entry: usize| YieldingBound {
             entry,
             limits: [lower[entry], upper[entry]],
