@@ -25,6 +25,7 @@ mod run;
 mod set_up;
 mod shell;
 mod signal;
+mod sound;
 mod stability;
 mod study;
 mod sweep;
@@ -49,7 +50,7 @@ Exit codes: 0 done; 2 scene or command line; 3 a solver did not converge; 4 read
 5 the energy guard stopped the run; 130 interrupted, with a checkpoint written.";
 
 /// Commands in the order of the help.
-static COMMANDS: [Entry; 17] = [
+static COMMANDS: [Entry; 18] = [
     Entry::new::<run::Run>("run").on_ranks(),
     Entry::new::<resume::Resume>("resume").on_ranks(),
     Entry::new::<check::Check>("check"),
@@ -63,6 +64,7 @@ static COMMANDS: [Entry; 17] = [
     Entry::new::<plot::Plot>("plot"),
     Entry::new::<report_page::ReportPage>("report"),
     Entry::new::<animate::Animate>("animate"),
+    Entry::new::<sound::SoundArgs>("sound"),
     Entry::new::<new_scene::NewScene>("new"),
     Entry::new::<shell::Schema>("schema"),
     Entry::new::<shell::Completions>("completions"),

@@ -112,6 +112,21 @@ impl Checkpoint {
         KIND.from_bytes(bytes).map_err(Error::Checkpoint)
     }
 
+    /// Reads the scene of the run in a folder, which must have the files that it had.
+    ///
+    /// # Errors
+    /// Returns [`Error::Checkpoint`] where a file that the scene names has changed.
+    pub fn read_scene(&self, folder: &Path) -> Result<Scene> {
+        let scene = Scene::from_str(&self.scene, &self.scene_file.to_string_lossy(), &[])?;
+        if Identity::of(&scene)? != self.identity {
+            return Err(Error::Checkpoint(format!(
+                "{}: a mesh, table or start that the scene names has changed since the run began",
+                folder.display()
+            )));
+        }
+        Ok(scene)
+    }
+
     /// Writes the checkpoint to a run folder, then removes all but it and the previous one.
     ///
     /// # Errors

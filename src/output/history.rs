@@ -136,6 +136,11 @@ impl Table {
         probes.filter(on_axis).map(|((number, (name, values)), _)| (number, name, values))
     }
 
+    /// Returns name, quantity and values of each probe.
+    pub fn probes_with_quantities(&self) -> impl Iterator<Item = (&str, ProbeQuantity, &[f64])> {
+        self.probes().zip(&self.quantities).map(|((name, values), quantity)| (name, *quantity, values))
+    }
+
     /// Returns the names and units of the probes' quantities, each once, in the probes' order.
     pub fn axes(&self) -> Vec<(&'static str, &'static str)> {
         let mut axes = Vec::new();

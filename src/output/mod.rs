@@ -14,6 +14,7 @@
 //! - `run_folder` for the reader of a finished run,
 //! - [`plot`] for `plots/*.svg` and `.png`,
 //! - [`report`] for `report.html`,
+//! - [`wav`] for sound,
 //! - [`matrix_market`] for `*.mtx`,
 //! - [`progress`] for the progress line on a terminal,
 //! - [`text`] for the report that ends a run.
@@ -37,6 +38,7 @@ pub mod shapes;
 pub mod summary;
 pub mod text;
 pub mod vtu;
+pub mod wav;
 mod vtk_xml;
 
 use crate::error::{Error, Result};

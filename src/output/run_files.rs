@@ -57,16 +57,10 @@ impl ResumedRun {
         claim::refuse_running(&folder)?;
         let (from, damaged) = Checkpoint::newest(&folder, until.is_some())?;
         let Checkpoint { scene: text, scene_file: file, identity, petsc, pause, outputs } = from.clone();
-        let read = |overrides: &[String]| Scene::from_str(&text, &file.to_string_lossy(), overrides);
-        let mut scene = read(&[])?;
-        if Identity::of(&scene)? != identity {
-            return Err(Error::Checkpoint(format!(
-                "{}: a mesh, table or start that the scene names has changed since the run began",
-                folder.display()
-            )));
-        }
+        let mut scene = from.read_scene(&folder)?;
         if let Some(until) = until {
-            scene = read(&[format!("time.end={until}")])
+            let end = format!("time.end={until}");
+            scene = Scene::from_str(&text, &file.to_string_lossy(), &[end])
                 .map_err(|why| Error::Usage(format!("--until {until}: {why}")))?;
             if scene.time.steps() <= pause.step {
                 let RunState { step, time, .. } = pause;

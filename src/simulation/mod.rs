@@ -104,6 +104,8 @@ pub struct Model<E: Engine = Native> {
     reactions: Option<Reactions>,
     /// Sampling of snapshots, if the scene asks for them.
     pub fields: Option<Fields>,
+    /// Motion of the nodes beside supports that move.
+    motion: Rc<NodalMotion>,
     /// Deflections among which the largest is found.
     deflections: DeflectionSites,
     /// Stresses at the nodes, if the scene asks for their extremes.
@@ -247,6 +249,7 @@ fn compose<E: OfCells, P: Partition>(
         attribution,
         reactions,
         fields,
+        motion,
         deflections,
         extremes,
         mechanism,
@@ -320,6 +323,18 @@ impl<E: Engine> Model<E> {
     /// its nodes. Collective.
     fn sum_reactions(&self, reactions: &Reactions, at_nodes: &[f64]) -> Vec<[f64; 3]> {
         self.system.engine.comm().all_reduce_sum_slice(&reactions.sums(at_nodes))
+    }
+
+    /// Returns the rates of all deflections and slopes of this process's cells at the present
+    /// instant of a scheme, three per node, in a frame at rest. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine and of the support motions.
+    pub fn nodal_rates(&self, scheme: &mut dyn Solution) -> Result<Vec<f64>> {
+        let velocity = scheme.velocity()?;
+        let mut rates = self.motion.relative(&self.system.engine.to_local(&velocity)?);
+        self.motion.carry(&scheme.support_rates()?, &mut rates);
+        Ok(rates)
     }
 
     /// Returns force (N) and dissipated energy (J) of each slider of the scene. Collective.

@@ -14,6 +14,7 @@ mod modal_figures;
 mod mode_shapes;
 mod points;
 pub mod stability;
+mod sound;
 mod static_reactions;
 mod warnings;
 
@@ -22,5 +23,6 @@ pub use inspect::{Check, Deflection, Inspection, check, inspect};
 pub use matrices::{MATRICES, matrices_are_of, write_matrices};
 pub use modal_figures::{ContactFigures, ModalFigures};
 pub use mode_shapes::ModeShapes;
+pub use sound::{Sound, Source};
 pub use static_reactions::StaticReaction;
 pub use warnings::{MOST_DOFS, warnings, warnings_apart};

@@ -19,6 +19,7 @@ mod pages;
 mod report;
 mod report_many;
 mod resume;
+mod sound;
 mod stresses;
 mod study;
 mod study_modal;

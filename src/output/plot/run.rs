@@ -234,7 +234,7 @@ pub fn spectrum(table: &Table, title: &str) -> Figure {
 }
 
 /// Returns how many of the first times are equally spaced; the last row of a run may come early.
-fn uniform(times: &[f64]) -> usize {
+pub fn uniform(times: &[f64]) -> usize {
     let Some(step) = times.get(1).map(|second| second - times[0]) else { return times.len() };
     let even = |ends: &[f64]| (ends[1] - ends[0] - step).abs() < 1e-3 * step;
     times.windows(2).position(|ends| !even(ends)).map_or(times.len(), |odd| odd + 1)
