@@ -4,6 +4,7 @@
 use crate::common::command;
 use crate::common::command::{rebond, succeeds};
 use rebond::mesh::Mesh;
+use rebond::output::plot::run::amplitudes;
 use serde_json::Value;
 use std::f64::consts::PI;
 use std::path::{Path, PathBuf};
@@ -58,6 +59,11 @@ fn folder(test: &str) -> PathBuf {
 
 /// Runs a scene of the gallery with some settings.
 fn run(name: &str, settings: &[&str]) -> Run {
+    Run::read(&run_in_folder(name, settings).join("out"))
+}
+
+/// Runs a scene of the gallery with some settings, and returns the folder that has the run `out`.
+fn run_in_folder(name: &str, settings: &[&str]) -> PathBuf {
     let test = [&[name], settings].concat().join("-").replace(|c: char| !c.is_ascii_alphanumeric(), "_");
     let folder = folder(&test);
     let set: Vec<String> = settings.iter().map(|setting| format!("--set={setting}")).collect();
@@ -65,7 +71,7 @@ fn run(name: &str, settings: &[&str]) -> Run {
     let mut arguments = vec!["run", &scene, "--quiet", "--out", "out"];
     arguments.extend(set.iter().map(String::as_str));
     succeeds(&rebond(&folder, &arguments));
-    Run::read(&folder.join("out"))
+    folder
 }
 
 #[track_caller]
@@ -139,11 +145,13 @@ fn every_scene_is_told_and_pinned() {
     let pinned = [
         "ball",
         "chaos",
+        "cymbal",
         "disc",
         "panel",
         "plywood",
         "rattle",
         "reed",
+        "snare",
         "snubber",
         "stack",
         "strip",
@@ -441,6 +449,71 @@ fn a_driven_cantilever_grazes_its_walls_where_its_modes_say() {
     };
     assert!(!touches(0.96 * grazing), "touches below {grazing} Pa");
     assert!(touches(1.04 * grazing), "does not touch above {grazing} Pa");
+}
+
+/// Makes a run of a scene heard and returns the frequencies (Hz) and amplitudes (m/s) of a probe.
+fn heard(name: &str, settings: &[&str], probe: &str) -> Vec<[f64; 2]> {
+    let folder = run_in_folder(name, settings);
+    let arguments = ["sound", "out", "--probe", probe, "--out", "sound.wav", "--json"];
+    let answer: Value = serde_json::from_str(&succeeds(&rebond(&folder, &arguments))).unwrap();
+    let scale = answer["full_scale"].as_f64().unwrap() / 32767.0;
+    let bytes = std::fs::read(folder.join("sound.wav")).unwrap();
+    let samples = bytes[44..].chunks(2).map(|pair| f64::from(i16::from_le_bytes([pair[0], pair[1]])));
+    let samples: Vec<f64> = samples.map(|sample| scale * sample).collect();
+    let times: Vec<f64> = (0..samples.len()).map(|i| i as f64 / 44_100.0).collect();
+    amplitudes(&times, &samples)
+}
+
+/// Returns the lowest frequencies of a scene, in Hz.
+fn frequencies(name: &str, count: &str) -> Vec<f64> {
+    let arguments = ["modes", &scene(name), "--count", count, "--json"];
+    let modes: Value =
+        serde_json::from_str(&succeeds(&rebond(&folder(&format!("{name}-modes")), &arguments))).unwrap();
+    serde_json::from_value(modes["frequencies"].clone()).unwrap()
+}
+
+/// Square root of D over rho h, divided by 2 pi a^2, of a disc with the radius 0.2 m and a
+/// Poisson's ratio of 0.33.
+fn disc_unit(thickness: f64, youngs_modulus: f64, density: f64) -> f64 {
+    let speed = thickness * (youngs_modulus / (12.0 * (1.0 - 0.33 * 0.33) * density)).sqrt();
+    speed / (2.0 * PI * 0.2 * 0.2)
+}
+
+/// Modes come in pairs, except the one that keeps the symmetry. The washer stiffens those with two
+/// nodal diameters by some per cent.
+#[test]
+fn a_cymbal_rings_as_a_free_disc() {
+    let unit = disc_unit(1e-3, 110e9, 8800.0);
+    let modes = frequencies("cymbal", "9");
+    for (pair, lambda2, most) in [(3, 5.253, 1.05), (5, 12.23, 1.01), (7, 21.6, 1.01)] {
+        for mode in &modes[pair..pair + 2] {
+            assert!(
+                (0.99..most).contains(&(mode / (lambda2 * unit))),
+                "{mode} Hz, not {} Hz",
+                lambda2 * unit
+            );
+        }
+    }
+    let spectrum = heard("cymbal", &["time.end=0.2", "time.modes=60"], "rim");
+    let near = spectrum.iter().filter(|[frequency, _]| (40.0..75.0).contains(frequency));
+    let loudest = near.max_by(|a, b| a[1].total_cmp(&b[1])).unwrap()[0];
+    // Frequencies are 5 Hz apart.
+    assert!((loudest - 12.23 * unit).abs() < 5.0, "{loudest} Hz");
+}
+
+#[test]
+fn a_snare_adds_what_the_drum_alone_has_not() {
+    assert_near(frequencies("snare", "1")[0], 10.216 * disc_unit(1.5e-3, 70e9, 2700.0), 0.01);
+    let high = |height: &str| {
+        let settings = ["time.end=0.1", height];
+        let spectrum = heard("snare", &settings, "head");
+        let square = |from: f64| -> f64 {
+            spectrum.iter().filter(|[frequency, _]| *frequency > from).map(|[_, a]| a * a).sum()
+        };
+        square(2000.0) / square(0.0)
+    };
+    let [on, off] = [high("obstacle.0.height=-1e-5"), high("obstacle.0.height=-0.1")];
+    assert!(on > 5.0 * off, "a part of {on} with the wire, {off} without");
 }
 
 #[test]
