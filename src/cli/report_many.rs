@@ -35,8 +35,8 @@ const STUDY_COLUMNS: [&str; 17] = [
     "on_front",
 ];
 
-/// Writes the page of a sweep.
-pub(super) fn of_sweep(folder: &Path) -> Result<()> {
+/// Writes the page of a sweep to a path.
+pub(super) fn of_sweep(folder: &Path, page: &Path) -> Result<()> {
     let sweep = SweepReport::read(folder)?;
     let figures = sweep::figures(&sweep).into_iter();
     let pictures: Vec<(String, String)> =
@@ -49,7 +49,7 @@ pub(super) fn of_sweep(folder: &Path) -> Result<()> {
     let is_shown = |head: &str| !head.ends_with("_section");
     let heading = format!("Runs ({} has their sections too)", sweep::CSV);
     write(
-        folder,
+        page,
         &ManyRuns {
             kind: "sweep",
             title: &sweep.title,
@@ -64,8 +64,8 @@ pub(super) fn of_sweep(folder: &Path) -> Result<()> {
     )
 }
 
-/// Writes the page of a study.
-pub(super) fn of_study(folder: &Path) -> Result<()> {
+/// Writes the page of a study to a path.
+pub(super) fn of_study(folder: &Path, page: &Path) -> Result<()> {
     let path = folder.join(STUDY);
     let invalid = |what: &str| Error::invalid(&path, what);
     let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
@@ -90,7 +90,7 @@ pub(super) fn of_study(folder: &Path) -> Result<()> {
     tables.insert(0, cheapest(&study));
     let text = |value: &'_ Value| value.as_str().unwrap_or_default().to_owned();
     write(
-        folder,
+        page,
         &ManyRuns {
             kind: "study",
             title: &text(&study["resolved"]["title"]),
@@ -133,10 +133,9 @@ fn pictures(folder: &Path) -> Result<Vec<(String, String)>> {
     paths.into_iter().map(read).collect()
 }
 
-fn write(folder: &Path, runs: &ManyRuns) -> Result<()> {
-    let path = folder.join(report::FILE);
-    let page = report::page_of_many(runs).map_err(Error::io(&path))?;
-    write_atomic(&path, page.as_bytes())?;
+fn write(path: &Path, runs: &ManyRuns) -> Result<()> {
+    let page = report::page_of_many(runs).map_err(Error::io(path))?;
+    write_atomic(path, page.as_bytes())?;
     let rows: usize = runs.tables.last().map_or(0, |table| table.rows.len());
     let size = significant((page.len() / 1000) as f64);
     print(&format!("{} ({rows} runs, {} pictures, {size} kB)\n", path.display(), runs.pictures.len()))

@@ -254,6 +254,68 @@ fn other_folders_are_refused_in_one_line() {
     assert!(!folder.join("run/report.html").exists());
 }
 
+/// Curves of both runs are there at the times of both; answers and scenes differ as their files do.
+#[test]
+fn two_runs_stand_side_by_side() {
+    let folder = folder("report-two", SCENE);
+    let run = |out: &str, more: &[&str]| {
+        succeeds(&rebond(&folder, &[&["run", "fall.toml", "--quiet", "--out", out], more].concat()));
+        let summary = fs::read_to_string(folder.join(out).join("summary.json")).unwrap();
+        (history::read(&folder.join(out)).unwrap(), serde_json::from_str::<Value>(&summary).unwrap())
+    };
+    let (a, of_a) = run("thin", &[]);
+    let more = ["--set", "plate.thickness=0.012", "--set", "time.end=0.04", "--set", "output.every=4"];
+    let (b, of_b) = run("thick", &more);
+    let said = succeeds(&rebond(&folder, &["report", "thin", "thick"]));
+    assert!(said.starts_with("thin-thick.html ("), "{said}");
+    let page = fs::read_to_string(folder.join("thin-thick.html")).unwrap();
+    assert!(page.contains("10\u{a0}mm thick") && page.contains("12\u{a0}mm thick"));
+
+    let rows = |table: &str| -> Vec<Vec<String>> {
+        let body = between(between(&page, table, "</table>"), "<tbody>\n", "</tbody>");
+        let cell = |cell: &str| cell.split_once('>').unwrap().1.split('<').next().unwrap().to_owned();
+        let cells = |row: &str| row.replace("<code>", "").split("<t").skip(2).map(cell).collect();
+        body.lines().map(cells).collect()
+    };
+    let scenes = rows("class=\"pair words\"");
+    let keys: Vec<&str> = scenes.iter().map(|row| row[0].as_str()).collect();
+    assert_eq!(keys, ["output.every", "plate.thickness", "time.end"]);
+    assert_eq!(scenes[1][1..], ["0.01 m", "0.012 m"]);
+
+    let largest = |summary: &Value| 1e3 * summary["largest_deflection"]["value"].as_f64().unwrap();
+    let answers = rows("class=\"pair\"");
+    let row = answers.iter().find(|row| row[0] == "largest deflection").unwrap();
+    let number = |cell: &String| -> f64 {
+        cell.replace('\u{2212}', "-").split(['\u{a0}', ' ']).next().unwrap().parse().unwrap()
+    };
+    let [a_mm, b_mm] = [largest(&of_a), largest(&of_b)];
+    let exact = [a_mm, b_mm, b_mm - a_mm, 100.0 * (b_mm / a_mm - 1.0)];
+    for ((cell, exact), digits) in row[1..].iter().zip(exact).zip([1e-3, 1e-3, 1e-3, 0.05]) {
+        assert!((number(cell) / exact - 1.0).abs() < digits, "{row:?}: {exact}");
+    }
+
+    let (meta, arrays) = (meta(&page), arrays(&page));
+    let times = &arrays["row_times"];
+    let charts = meta["charts"].as_array().unwrap();
+    let curve = |label: &str| {
+        let mut columns = charts.iter().flat_map(|chart| chart["columns"].as_array().unwrap());
+        let column = columns.find(|column| column["label"] == label).unwrap();
+        &arrays[column["array"].as_str().unwrap()]
+    };
+    for (run, table) in [("A", &a), ("B", &b)] {
+        for name in ["corner", "energy"] {
+            let (shown, exact) = (curve(&format!("{name}, {run}")), table.column(name).unwrap());
+            for (time, exact) in table.column("time").unwrap().iter().zip(exact) {
+                let place = times.iter().position(|other| other == time).unwrap();
+                assert!((shown[place] - exact).abs() <= 1e-7 * exact.abs(), "{name}, {run}, {time}");
+            }
+        }
+    }
+    let beyond = times.iter().zip(curve("corner, B")).filter(|(time, _)| **time > 0.0401);
+    assert!(beyond.clone().count() > 100 && beyond.into_iter().all(|(_, value)| value.is_nan()));
+    assert_fails(&rebond(&folder, &["report", "thin", "nowhere"]), 4, &["nowhere: there is no such folder"]);
+}
+
 /// A new run removes the page of the run before, and does not take it for a foreign file.
 #[test]
 fn a_run_removes_the_report_of_an_earlier_one() {

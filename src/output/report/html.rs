@@ -56,21 +56,31 @@ pub(super) fn sortable(id: &str, heads: &str, rows: &str) -> String {
 pub(super) fn head(summary: &Value) -> String {
     let scene = &summary["scene"];
     let title = scene["title"].as_str().filter(|title| !title.is_empty()).unwrap_or("Run of rebond");
-    let status = summary["status"].as_str().unwrap_or("unknown");
-    let state = match status {
+    header(title, &format!("<p class=\"plate\">{}.</p>\n{}", plate(scene), state(summary)))
+}
+
+/// Returns the head of a page with its title and what stands below, up to the beginning of its main
+/// part.
+pub(super) fn header(title: &str, below: &str) -> String {
+    let print = "<button type=\"button\" id=\"print\" class=\"live\">Print</button>";
+    format!("<header><h1>{}</h1>\n{below}{print}</header>\n<main>\n", escaped(title))
+}
+
+/// Returns one sentence of what the plate of a resolved scene is, without a full stop.
+pub(super) fn plate(scene: &Value) -> String {
+    escaped(&typeset(&sentence::sentence(scene)))
+}
+
+/// Returns why a run ended early, if it did.
+pub(super) fn state(summary: &Value) -> String {
+    match summary["status"].as_str().unwrap_or("unknown") {
         "done" => String::new(),
         status => format!("<p class=\"warning\">Ended early: {}</p>\n", escaped(status)),
-    };
-    let plate = escaped(&typeset(&sentence::sentence(scene)));
-    format!(
-        "<header><h1>{}</h1>\n<p class=\"plate\">{plate}.</p>\n\
-         <button type=\"button\" id=\"print\" class=\"live\">Print</button>{state}</header>\n<main>\n",
-        escaped(title)
-    )
+    }
 }
 
 /// Sets a text: micro, minus and times signs, and each unit beside its number.
-fn typeset(text: &str) -> String {
+pub(super) fn typeset(text: &str) -> String {
     let mut words: Vec<String> = Vec::new();
     for word in text.split(' ') {
         let unit = word.trim_end_matches([',', ';']);
@@ -96,12 +106,15 @@ pub(super) fn answers(summary: &Value) -> String {
         format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(&title), escaped(&typeset(&text)))
     };
     let cards: String = answers::answers(summary).into_iter().map(answer).collect();
-    let warning = |text| format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text));
-    let mut warnings: String = texts(&summary["warnings"]).map(warning).collect();
-    if warnings.is_empty() {
-        warnings += "<p class=\"soft\">The run gave no warnings.</p>\n";
-    }
+    let warnings = warnings(summary);
     section("answers", "", "Answers", &format!("<dl class=\"numbers answers\">\n{cards}</dl>\n{warnings}"))
+}
+
+/// Returns the warnings of a run.
+pub(super) fn warnings(summary: &Value) -> String {
+    let warning = |text| format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text));
+    let warnings: String = texts(&summary["warnings"]).map(warning).collect();
+    if warnings.is_empty() { "<p class=\"soft\">The run gave no warnings.</p>\n".into() } else { warnings }
 }
 
 /// Returns the effects and the parts of the scene of a run, folded.
@@ -147,7 +160,7 @@ fn texts(list: &Value) -> impl Iterator<Item = &str> {
 }
 
 /// Returns the value of a key of a scene in words; several tables are separated by semicolons.
-fn described(value: &Value, key: &str) -> String {
+pub(super) fn described(value: &Value, key: &str) -> String {
     match value {
         Value::Null => String::new(),
         Value::String(text) => text.clone(),
@@ -162,14 +175,17 @@ fn described(value: &Value, key: &str) -> String {
         Value::Object(table) => {
             let part = |(name, value): (&String, &Value)| {
                 let key = format!("{key}.{name}");
-                let unit = unit(&key).filter(|_| value.is_number()).map(|unit| format!(" {unit}"));
-                let unit =
-                    unit.unwrap_or_default().replace("m2", "m²").replace("m3", "m³").replace("s2", "s²");
-                format!("{} {}{unit}", name.replace('_', " "), described(value, &key))
+                format!("{} {}{}", name.replace('_', " "), described(value, &key), unit_of(value, &key))
             };
             table.iter().map(part).collect::<Vec<_>>().join(", ")
         }
     }
+}
+
+/// Returns the unit of the value of a key behind a space; none where it is no number.
+pub(super) fn unit_of(value: &Value, key: &str) -> String {
+    let unit = unit(key).filter(|_| value.is_number()).map(|unit| format!(" {unit}"));
+    unit.unwrap_or_default().replace("m2", "m²").replace("m3", "m³").replace("s2", "s²")
 }
 
 /// Returns how the answers of a run were computed, folded.
@@ -242,7 +258,7 @@ const LEGEND: &str = "Orange points are in contact, thick dark edges and dots do
 
 const VIEW: &str = include_str!("page/view.html");
 
-/// Returns the place of the charts, with a note on the rows left out.
+/// Returns the place of the charts of a run, with a note on the rows left out.
 pub(super) fn charts(shown: usize, rows: usize) -> String {
     let note = match shown == rows {
         true => format!("All {} rows of history.csv.", grouped(rows as u64)),
@@ -252,10 +268,17 @@ pub(super) fn charts(shown: usize, rows: usize) -> String {
             grouped(rows as u64)
         ),
     };
+    charts_with(&format!(
+        "{note} Drag across a chart to zoom all of them, click to show that instant above. \
+         All numbers: <a href=\"history.csv\">history.csv</a>, <a href=\"summary.json\">summary.json</a>."
+    ))
+}
+
+/// Returns the place of the charts with a note.
+pub(super) fn charts_with(note: &str) -> String {
     let words = format!(
         "<div id=\"charts\"></div>\n<p><button type=\"button\" id=\"all\">Show all times</button></p>\n\
-         <p class=\"soft\">{note} Drag across a chart to zoom all of them, click to show that instant above. \
-         All numbers: <a href=\"history.csv\">history.csv</a>, <a href=\"summary.json\">summary.json</a>.</p>"
+         <p class=\"soft\">{note}</p>"
     );
     section("series", "live", "Over time", &words)
 }

@@ -12,9 +12,11 @@ mod many;
 mod picture;
 mod sentence;
 mod series;
+mod side_by_side;
 
 pub use frames::{Frames, MOST_FRAMES};
 pub use many::{ManyRuns, RunTable, page_of_many};
+pub(crate) use side_by_side::page_of_two;
 
 use crate::error::{Error, Result};
 use crate::output::plot::{self, Obstacle, perspective};
@@ -80,13 +82,17 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>) -> Result<String> {
         html::again(summary, &scene_text(&summary["scene"]).map_err(Error::io(&path))?),
     ]
     .concat();
+    Ok(document(&title, &body, &scripts(&meta, &numbers)))
+}
+
+/// Returns the script of a page with its numbers and their description.
+fn scripts(meta: &Value, numbers: &str) -> String {
     // A text in a script ends at "</script>", whatever it means.
     let meta = meta.to_string().replace('<', "\\u003c");
-    let scripts = format!(
+    format!(
         "<script type=\"application/json\" id=\"meta\">{meta}</script>\n\
          <script type=\"text/plain\" id=\"data\">{numbers}</script>\n<script>\n{SCRIPT}</script>\n"
-    );
-    Ok(document(&title, &body, &scripts))
+    )
 }
 
 /// Returns a page with a title, a body up to the end of its main part, and scripts.

@@ -64,9 +64,13 @@ export class Charts {
       stroke: () => style("--ink"), grid: { stroke: () => style("--line"), width: 1 }, ticks: { stroke: () => style("--line"), width: 1 },
       font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif", ...more,
     });
-    const series = chart.columns.map(({ label }, i) => ({
-      label, stroke: () => style(COLORS[i % COLORS.length]), width: 1.5, dash: DASHES[Math.floor(i / 2) % DASHES.length], points: { show: false }, value: (_, value) => short(value),
-    }));
+    const series = chart.columns.map((column, i) => {
+      const [color, dash] = column.style ?? [i, Math.floor(i / 2)];
+      return {
+        label: column.label, stroke: () => style(COLORS[color % COLORS.length]), width: 1.5, dash: DASHES[dash % DASHES.length],
+        points: { show: false }, value: (_, value) => short(value),
+      };
+    });
     const plot = new uPlot({
       width: Math.max(host.clientWidth, 200), height: 210,
       title: label,
@@ -79,7 +83,7 @@ export class Charts {
         draw: [(plot) => this.#rules(plot, (chart.rules ?? []).map((rule) => rule / one))],
         setSize: [() => this.mark(this.time)],
       },
-    }, [this.times, ...values.map((array) => (one === 1 ? array : Array.from(array, (value) => value / one)))], figure);
+    }, [this.times, ...values.map((array) => Array.from(array, (value) => (Number.isNaN(value) ? null : value / one)))], figure);
     const line = document.createElement("div");
     line.className = "now";
     plot.over.append(line);
