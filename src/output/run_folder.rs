@@ -1,5 +1,6 @@
 //! Folder of a finished run, read for pictures and for the report.
 
+use super::checkpoint::Checkpoint;
 use super::contacts::Contact;
 use super::history::Table;
 use super::plot::perspective::{self, ColorBy};
@@ -46,6 +47,12 @@ impl RunFolder {
             summary,
             table,
         })
+    }
+
+    /// Returns the file of the scene, to which the files that the scene names are relative.
+    pub fn scene_file(&self) -> String {
+        let file = Checkpoint::newest(&self.folder, true).map(|(checkpoint, _)| checkpoint.scene_file);
+        file.unwrap_or_else(|_| "scene.toml".into()).to_string_lossy().into_owned()
     }
 
     /// Returns the obstacles of constant height.

@@ -112,6 +112,10 @@ fn a_report_is_one_page_without_a_network() {
     assert_eq!(page.matches("</script>").count(), 3);
     assert!(page.contains("<h1>a &lt;short&gt; fall &amp; &quot;more&quot; &lt;/script&gt;</h1>"));
     assert!(page.contains("<li>contact below</li>") && page.contains("name=\"viewport\""));
+    // The scene has the keys that it sets, and folded those that are filled in.
+    let (set, every) = between(&page, "<dl class=\"scene\">", "</details>").split_once("Every key").unwrap();
+    assert!(set.contains("step 1e-4 s") && !set.contains("restitution") && !set.contains("<dt>Solver"));
+    assert!(every.contains("restitution 0") && every.contains("<dt>Solver"));
     // Pictures have names of their own.
     let mut names: Vec<&str> =
         page.split("<clipPath id=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();

@@ -1,6 +1,7 @@
 //! Sections of the page as HTML.
 
 use super::frames::Frames;
+use super::scene_text::set_keys;
 use super::sentence;
 use crate::output::answers::{self, KeyFigure};
 use crate::output::contacts::Contact;
@@ -117,15 +118,15 @@ pub(super) fn warnings(summary: &Value) -> String {
     if warnings.is_empty() { "<p class=\"soft\">The run gave no warnings.</p>\n".into() } else { warnings }
 }
 
-/// Returns the effects and the parts of the scene of a run, folded.
-pub(super) fn scene(summary: &Value) -> String {
+/// Returns the effects and the parts of the scene of a run, folded; `file` is the scene's file.
+pub(super) fn scene(summary: &Value, file: &str) -> String {
     let effects: String =
         texts(&summary["effects"]).map(|effect| format!("<li>{}</li>", escaped(effect))).collect();
     let effects = match effects.is_empty() {
         true => "<p>No effects: the plate vibrates freely.</p>\n".to_owned(),
         false => format!("<ul class=\"effects\" aria-label=\"Effects that are on\">{effects}</ul>\n"),
     };
-    folded("scene", "The scene", &(effects + &parts(&summary["scene"])))
+    folded("scene", "The scene", &(effects + &parts(&summary["scene"], file)))
 }
 
 /// Returns a section of the page that opens on demand.
@@ -136,8 +137,18 @@ fn folded(id: &str, heading: &str, body: &str) -> String {
     )
 }
 
-/// Returns the parts of a resolved scene.
-pub(super) fn parts(scene: &Value) -> String {
+/// Returns the parts of a resolved scene that somebody set, and folded all of them; `file` is the
+/// file of the scene.
+pub(super) fn parts(scene: &Value, file: &str) -> String {
+    let (set, every) = (list_of_parts(&set_keys(scene, file)), list_of_parts(scene));
+    if set == every {
+        return every;
+    }
+    format!("{set}<details><summary>Every key, with the values filled in</summary>\n{every}</details>\n")
+}
+
+/// Returns the parts of a scene with all of its keys.
+fn list_of_parts(scene: &Value) -> String {
     let mut html = String::from("<dl class=\"scene\">\n");
     for (key, title) in PARTS {
         let words = described(&scene[key], key);

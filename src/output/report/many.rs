@@ -1,7 +1,8 @@
 //! Page of a sweep or a study: pictures, the table of runs, the scene, how to make it again.
 
 use super::html::{again_by, escaped, parts, section, sortable};
-use super::{document, picture, scene_text};
+use super::scene_text::scene_text;
+use super::{document, picture};
 use crate::output::text::{grouped, significant};
 use serde_json::Value;
 use std::collections::BTreeSet;
@@ -127,7 +128,7 @@ pub fn page_of_many(runs: &ManyRuns) -> io::Result<String> {
         body += &table.html(&format!("runs-{number}"));
     }
     if scene.is_object() {
-        body += &section("scene", "", "The scene", &parts(scene));
+        body += &section("scene", "", "The scene", &parts(scene, "scene.toml"));
         let commands = format!("rebond {kind} scene.toml --out again\nrebond report again");
         body += &again_by(&commands, [version, hash], scene, &scene_text(scene)?);
     }

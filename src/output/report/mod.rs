@@ -10,6 +10,7 @@ mod frames;
 mod html;
 mod many;
 mod picture;
+mod scene_text;
 mod sentence;
 mod series;
 mod side_by_side;
@@ -22,8 +23,8 @@ use crate::error::{Error, Result};
 use crate::output::plot::{self, Obstacle, perspective};
 use crate::output::run_folder::RunFolder;
 use blob::PageData;
+use scene_text::scene_text;
 use serde_json::{Value, json};
-use std::io;
 
 /// Name of the file in the run folder.
 pub const FILE: &str = "report.html";
@@ -77,7 +78,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>) -> Result<String> {
         html::charts(rows, table.rows()),
         html::contacts(run.contacts.as_deref()),
         pictures(&figures),
-        html::scene(summary),
+        html::scene(summary, &run.scene_file()),
         html::numbers(summary),
         html::again(summary, &scene_text(&summary["scene"]).map_err(Error::io(&path))?),
     ]
@@ -116,26 +117,4 @@ fn pictures(pictures: &[(String, String)]) -> String {
     let open = "<details class=\"pictures\" open><summary>Still pictures of the run</summary>\n";
     let remedy = ", in the folder plots after <code>rebond plot</code>";
     picture::pictures(ordered, MOST_BYTES, [open, "</details>"], remedy)
-}
-
-/// Returns a resolved scene as the text of a scene file.
-fn scene_text(scene: &Value) -> io::Result<String> {
-    let invalid =
-        |why: &dyn std::fmt::Display| io::Error::new(io::ErrorKind::InvalidData, format!("scene: {why}"));
-    let mut scene = scene.clone();
-    drop_nulls(&mut scene);
-    let value = toml::Value::try_from(scene).map_err(|why| invalid(&why))?;
-    toml::to_string(&value).map_err(|why| invalid(&why))
-}
-
-/// Removes entries without a value, which TOML does not know.
-fn drop_nulls(value: &mut Value) {
-    match value {
-        Value::Object(table) => {
-            table.retain(|_, value| !value.is_null());
-            table.values_mut().for_each(drop_nulls);
-        }
-        Value::Array(list) => list.iter_mut().for_each(drop_nulls),
-        _ => {}
-    }
 }
