@@ -5,6 +5,8 @@ use super::command::{Execute, Program};
 use super::set_up::SetUpTold;
 use crate::error::Result;
 use crate::output::claim;
+use crate::output::run_folder::RunFolder;
+use crate::scene::Snapshots;
 use crate::study::ModeShapes;
 use clap::Args;
 use std::path::PathBuf;
@@ -27,6 +29,26 @@ pub(super) struct ModesArgs {
     /// Folder of the modes; default: modes/ and the scene file's name
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+}
+
+/// Number of modes of a report.
+const REPORTED: usize = 6;
+
+/// Largest number of dofs of a plate whose modes are computed for a report.
+const MOST_DOFS: f64 = 5_000.0;
+
+/// Approximate number of faces of a shape in a report, which keeps its page small.
+const FACES: f64 = 500.0;
+
+/// Computes the lowest modes of the plate of a run; `None` where it is large, or where files that
+/// its scene names are not as they were.
+pub(super) fn of_run(run: &RunFolder) -> Option<ModeShapes> {
+    let dofs = run.summary["dofs"].as_f64().filter(|dofs| *dofs <= MOST_DOFS)?;
+    let mut scene = run.scene()?;
+    // A node has three dofs, and there are about as many cells as nodes.
+    let subdivide = (3.0 * FACES / dofs.max(1.0)).sqrt().clamp(1.0, 4.0) as usize;
+    scene.output.fields = Some(Snapshots { every: 1, subdivide, stresses: false, precision: 64 });
+    ModeShapes::new(&scene, REPORTED).ok()
 }
 
 impl Execute for ModesArgs {

@@ -1,6 +1,7 @@
 //! Command `rebond report`.
 
 use super::command::{Execute, Program};
+use super::modes;
 use super::printing::print;
 use super::report_many;
 use crate::error::Result;
@@ -49,7 +50,8 @@ impl Execute for ReportPage {
         }
         let run = RunFolder::read(folder)?;
         let frames = Frames::read(&run.snapshots)?;
-        let page = report::page(&run, frames.as_ref())?;
+        let modes = modes::of_run(&run).map(|modes| (modes.figure(), modes.frequencies));
+        let page = report::page(&run, frames.as_ref(), modes.as_ref())?;
         write_atomic(&path, page.as_bytes())?;
         let frames = match &frames {
             Some(frames) if frames.times.len() < frames.snapshots => {

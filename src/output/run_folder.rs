@@ -1,6 +1,6 @@
 //! Folder of a finished run, read for pictures and for the report.
 
-use super::checkpoint::Checkpoint;
+use super::checkpoint::{Checkpoint, Identity};
 use super::contacts::Contact;
 use super::history::Table;
 use super::plot::perspective::{self, ColorBy};
@@ -9,6 +9,7 @@ use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Surface};
 use super::{checkpoint, contacts, extremes, history, if_there, summary};
 use crate::error::{Error, Result};
+use crate::scene::Scene;
 use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fs;
@@ -51,8 +52,20 @@ impl RunFolder {
 
     /// Returns the file of the scene, to which the files that the scene names are relative.
     pub fn scene_file(&self) -> String {
-        let file = Checkpoint::newest(&self.folder, true).map(|(checkpoint, _)| checkpoint.scene_file);
-        file.unwrap_or_else(|_| "scene.toml".into()).to_string_lossy().into_owned()
+        let file = self.state().map(|state| state.scene_file);
+        file.unwrap_or_else(|| "scene.toml".into()).to_string_lossy().into_owned()
+    }
+
+    /// Reads the scene; `None` where a file that it names is not as it was.
+    pub fn scene(&self) -> Option<Scene> {
+        let Checkpoint { scene, scene_file, identity, .. } = self.state()?;
+        let scene = Scene::from_str(&scene, &scene_file.to_string_lossy(), &[]).ok()?;
+        Identity::of(&scene).is_ok_and(|same| same == identity).then_some(scene)
+    }
+
+    /// Reads the newest state of the run that its folder has.
+    fn state(&self) -> Option<Checkpoint> {
+        Checkpoint::newest(&self.folder, true).ok().map(|(state, _)| state)
     }
 
     /// Returns the obstacles of constant height.

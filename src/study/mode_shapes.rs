@@ -89,10 +89,14 @@ impl ModeShapes {
         let rows: String = rows.map(|(i, frequency)| format!("{},{frequency}\n", i + 1)).collect();
         shapes::write(folder, self.frequencies.iter().copied().zip(&self.shapes))?;
         write_atomic(&folder.join(TABLE), format!("mode,frequency\n{rows}").as_bytes())?;
-        let modes = self.frequencies.iter().copied().zip(self.shapes.iter().cloned());
-        let figure = perspective::modes(modes.collect(), &self.title);
-        Figure::write_all(&folder.join(plot::FOLDER), &[("modes", figure)])?;
+        Figure::write_all(&folder.join(plot::FOLDER), &[("modes", self.figure())])?;
         summary::write_json(&folder.join(SUMMARY), self)
+    }
+
+    /// Draws the shapes with their nodal lines and frequencies.
+    pub fn figure(&self) -> Figure {
+        let modes = self.frequencies.iter().copied().zip(self.shapes.iter().cloned());
+        perspective::modes(modes.collect(), &self.title)
     }
 }
 

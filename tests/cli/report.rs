@@ -97,7 +97,9 @@ fn a_report_is_one_page_without_a_network() {
     let folder = folder("report-page", SCENE);
     let page = page(&folder);
     assert!(page.len() < 700_000, "{} bytes", page.len());
-    for section in ["answers", "scene", "numbers", "motion", "series", "contacts", "pictures", "again"] {
+    for section in
+        ["answers", "scene", "numbers", "motion", "series", "contacts", "modes", "pictures", "again"]
+    {
         assert!(page.contains(&format!("<h2 id=\"h-{section}\">")), "{section}");
     }
     assert!(page.contains("default-src 'none'"));
@@ -112,6 +114,24 @@ fn a_report_is_one_page_without_a_network() {
     assert_eq!(page.matches("</script>").count(), 3);
     assert!(page.contains("<h1>a &lt;short&gt; fall &amp; &quot;more&quot; &lt;/script&gt;</h1>"));
     assert!(page.contains("<li>contact below</li>") && page.contains("name=\"viewport\""));
+    // The frequencies are those of `rebond modes`, and each is beside its shape.
+    let told = succeeds(&rebond(&folder, &["modes", "fall.toml", "--count", "6", "--quiet"]));
+    assert!(told.is_empty());
+    let table = fs::read_to_string(folder.join("modes/fall/modes.csv")).unwrap();
+    let modes = between(&page, "<h2 id=\"h-modes\">", "</section>");
+    let caption = between(modes, "<figcaption>", "</figcaption>");
+    let shown: Vec<f64> = caption
+        .split_once(": ")
+        .unwrap()
+        .1
+        .split(',')
+        .map(|words| words.trim().split('\u{a0}').next().unwrap().parse().unwrap())
+        .collect();
+    let exact = table.lines().skip(1).map(|line| line.split_once(',').unwrap().1.parse::<f64>().unwrap());
+    assert!(
+        shown.len() == 6 && shown.iter().zip(exact).all(|(a, b)| (a / b - 1.0).abs() < 1e-3),
+        "{caption}"
+    );
     // The scene has the keys that it sets, and folded those that are filled in.
     let (set, every) = between(&page, "<dl class=\"scene\">", "</details>").split_once("Every key").unwrap();
     assert!(set.contains("step 1e-4 s") && !set.contains("restitution") && !set.contains("<dt>Solver"));

@@ -294,6 +294,20 @@ pub(super) fn charts_with(note: &str) -> String {
     section("series", "live", "Over time", &words)
 }
 
+/// Returns the section of natural modes with their picture.
+pub(super) fn modes(figure: &str) -> String {
+    let words = "<p class=\"soft\">Of the plate as it is before anything touches, with the consistent mass; \
+        <code>rebond modes</code> has more of them, and files for ParaView.</p>\n";
+    section("modes", "", "Natural modes", &format!("{figure}{words}"))
+}
+
+/// Returns how to get natural modes where the page has none.
+pub(super) fn no_modes() -> String {
+    let words = "<p>The page computes the natural modes of small plates only, whose files are where they were; \
+        <code>rebond modes scene.toml</code> draws them, and writes them for ParaView.</p>\n";
+    section("modes", "", "Natural modes", words)
+}
+
 /// Returns the table of contacts; `None` is for a scene without obstacles.
 pub(super) fn contacts(contacts: Option<&[Contact]>) -> String {
     let body = match contacts {

@@ -20,8 +20,9 @@ pub use many::{ManyRuns, RunTable, page_of_many};
 pub(crate) use side_by_side::page_of_two;
 
 use crate::error::{Error, Result};
-use crate::output::plot::{self, Obstacle, perspective};
+use crate::output::plot::{self, Figure, Obstacle, perspective};
 use crate::output::run_folder::RunFolder;
+use crate::output::text::engineering;
 use blob::PageData;
 use scene_text::scene_text;
 use serde_json::{Value, json};
@@ -39,12 +40,16 @@ const STYLE: &str = include_str!("page/bundle.css");
 const SCALES: [f64; 16] =
     [1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 1e5, 1e6, 1e7];
 
-/// Returns the page of a run, with frames from its snapshots, if it wrote any.
+/// Lowest natural modes of a run's plate: their picture and their frequencies, in Hz.
+type Modes = (Figure, Vec<f64>);
+
+/// Returns the page of a run, with frames from its snapshots, if it wrote any, and natural modes,
+/// where they are known.
 ///
 /// # Errors
 /// Returns an error where a file of the run cannot be read, and where the numbers cannot be
 /// compressed or the scene has no form in TOML.
-pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>) -> Result<String> {
+pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Modes>) -> Result<String> {
     let RunFolder { folder, summary, table, .. } = run;
     let (figures, _) = run.pictures()?;
     let figures: Vec<(String, String)> =
@@ -77,6 +82,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>) -> Result<String> {
         "</div>\n".to_owned(),
         html::charts(rows, table.rows()),
         html::contacts(run.contacts.as_deref()),
+        modes.map_or_else(html::no_modes, natural_modes),
         pictures(&figures),
         html::scene(summary, &run.scene_file()),
         html::numbers(summary),
@@ -94,6 +100,13 @@ fn scripts(meta: &Value, numbers: &str) -> String {
         "<script type=\"application/json\" id=\"meta\">{meta}</script>\n\
          <script type=\"text/plain\" id=\"data\">{numbers}</script>\n<script>\n{SCRIPT}</script>\n"
     )
+}
+
+/// Returns the section of natural modes.
+fn natural_modes((figure, frequencies): &Modes) -> String {
+    let words: Vec<String> = frequencies.iter().map(|&frequency| engineering(frequency, "Hz")).collect();
+    let caption = format!("Lowest mode shapes with their nodal lines: {}", html::typeset(&words.join(", ")));
+    html::modes(&picture::figure(&picture::compact(&figure.svg(), "modes"), &caption))
 }
 
 /// Returns a page with a title, a body up to the end of its main part, and scripts.

@@ -37,22 +37,27 @@ pub(super) fn pictures<'p>(
 ) -> String {
     let (mut html, mut left_out) = (String::new(), Vec::new());
     for (name, svg) in pictures {
-        let (svg, caption) = (compact(svg, name), escaped(&caption(name)));
+        let svg = compact(svg, name);
         if html.len() + svg.len() > most {
             left_out.push(format!("plots/{name}.svg"));
             continue;
         }
-        html += &format!(
-            "<figure><div class=\"picture\" role=\"img\" aria-label=\"{caption}\">{svg}</div>\
-             <figcaption>{caption} (plots/{}.svg)</figcaption></figure>\n",
-            escaped(name)
-        );
+        html += &figure(&svg, &format!("{} (plots/{name}.svg)", caption(name)));
     }
     if !left_out.is_empty() {
         let names = escaped(&left_out.join(", "));
         html += &format!("<p class=\"soft\">Left out for their size{remedy}: {names}.</p>\n");
     }
     section("pictures", "", "Pictures", &format!("{open}{html}{close}"))
+}
+
+/// Returns a picture, as SVG, with its caption.
+pub(super) fn figure(svg: &str, caption: &str) -> String {
+    let caption = escaped(caption);
+    format!(
+        "<figure><div class=\"picture\" role=\"img\" aria-label=\"{caption}\">{svg}</div>\
+         <figcaption>{caption}</figcaption></figure>\n"
+    )
 }
 
 /// Shortens a picture and makes it fit to stand beside others: names of its own, coordinates to a
