@@ -34,7 +34,9 @@ CAPABILITIES = {
     "Elements": ["element"],
     "Adaptive quadrature": ["element/adaptive.rs"],
     "Meshes": ["mesh"],
-    "Meshes of Gmsh": ["mesh/gmsh"],
+    "Meshes from files": [
+        "mesh/abaqus.rs", "mesh/cards.rs", "mesh/contents.rs", "mesh/cursor.rs", "mesh/file.rs", "mesh/gmsh.rs", "mesh/nastran.rs",
+    ],
     "Plates, degrees of freedom, matrices": ["assembly", "dof_map.rs", "plate.rs", "stress.rs", "motion.rs", "energy.rs"],
     "Obstacles": ["obstacle"],
     "Laws of contact": ["contact_law"],

@@ -19,7 +19,7 @@
 //! | [`geometry`] | points and polygons |
 //! | [`field`] | numbers and formulas of x, y and t; tables of time |
 //! | [`element`] | reduced HCT triangles and FVS quadrilaterals |
-//! | [`mesh`] | nodes, cells and their names; rectangles and Gmsh files |
+//! | [`mesh`] | nodes, cells and their names; rectangles and mesh files |
 //! | [`plate`] | element matrices from thickness and material |
 //! | [`stress`] | bending moments, and stresses at the surfaces |
 //! | [`kernels`] | products of cells and loops over vectors, in the processor's registers |

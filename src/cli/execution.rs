@@ -80,6 +80,7 @@ impl Job {
     ) -> Result<()> {
         signal::listen()?;
         if let Some(set_up) = set_up.as_ref().filter(|_| !self.voice.is_silent()) {
+            model.notes.iter().for_each(|note| set_up.say(&format!("mesh file: {note}")));
             warnings.iter().for_each(|warning| set_up.say(&printing::warning(warning)));
         }
         let from = self.from.take();

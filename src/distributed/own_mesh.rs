@@ -12,13 +12,14 @@ pub(super) const EDGE: &str = "edge";
 pub(super) const GROUP: &str = "group";
 pub(super) const POINT: &str = "point";
 
-/// Names of a mesh, in the order of their label values, and the elements of its cells.
+/// Names of a mesh, in the order of their label values, the elements of its cells, and its notes.
 #[derive(Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct Names {
     pub edges: Vec<String>,
     pub groups: Vec<String>,
     pub points: Vec<String>,
     pub elements: ElementByShape,
+    pub notes: Vec<String>,
 }
 
 impl Names {
@@ -28,6 +29,7 @@ impl Names {
             groups: mesh.groups.keys().cloned().collect(),
             points: mesh.points.keys().cloned().collect(),
             elements: mesh.elements,
+            notes: mesh.notes.clone(),
         }
     }
 }
@@ -40,7 +42,8 @@ pub(super) fn own_mesh(plex: &Plex, names: &Names, owns: impl Fn(Index) -> bool)
     let (cells, edges, vertices) = (plex.cells(), plex.edges(), plex.vertices());
     let number = |vertex: Index| (vertex - vertices.start) as usize;
     let nodes = plex.coordinates()?.into_iter().map(Point::from).collect();
-    let mut mesh = Mesh { nodes, elements: names.elements, ..Mesh::default() };
+    let notes = names.notes.clone();
+    let mut mesh = Mesh { nodes, elements: names.elements, notes, ..Mesh::default() };
     for cell in cells.clone() {
         let corners: Vec<usize> = plex.corners(cell)?.into_iter().map(number).collect();
         mesh.cells.push(match corners[..] {

@@ -1,12 +1,18 @@
 //! Meshes: nodes, cells, and the names of their parts.
 //!
-//! A mesh is plain data. [`Mesh::rectangle`] and [`Mesh::load_gmsh`] return valid meshes; a mesh
+//! A mesh is plain data. [`Mesh::rectangle`] and [`Mesh::load`] return valid meshes; a mesh
 //! from elsewhere is valid once [`Mesh::check`] accepts it. The other methods rely on this and
 //! panic on an index that is out of range.
 
+mod abaqus;
 mod bisection;
+mod cards;
+mod contents;
+mod cursor;
+mod file;
 mod gmsh;
 mod insert;
+mod nastran;
 mod parts;
 mod quality;
 mod rectangle;
@@ -15,7 +21,7 @@ mod rims;
 
 use std::collections::BTreeMap;
 
-pub use gmsh::Import;
+pub use contents::Import;
 pub use insert::{Made, Mark};
 pub(crate) use insert::{NEAR, nearness};
 pub use parts::Part;
@@ -78,6 +84,8 @@ pub struct Mesh {
     pub groups: BTreeMap<String, Vec<usize>>,
     /// Named nodes, as node numbers.
     pub points: BTreeMap<String, Vec<usize>>,
+    /// Notes of the reader of its file, one sentence each.
+    pub notes: Vec<String>,
 }
 
 /// Distance from a cell up to which a point counts as inside, relative to the cell's longest edge.

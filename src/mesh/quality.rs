@@ -26,6 +26,24 @@ fn merge(distance: f64) -> String {
     if distance > 0.0 { format!("{:.0e}", 10.0 * distance) } else { "1e-9".into() }
 }
 
+/// Numbers by which messages call nodes and cells: as a file has them, or from 0 where the lists
+/// are empty.
+#[derive(Default)]
+pub struct NumbersOfFile {
+    pub nodes: Vec<u64>,
+    pub cells: Vec<u64>,
+}
+
+impl NumbersOfFile {
+    fn node(&self, node: usize) -> u64 {
+        self.nodes.get(node).copied().unwrap_or(node as u64)
+    }
+
+    fn cell(&self, cell: usize) -> u64 {
+        self.cells.get(cell).copied().unwrap_or(cell as u64)
+    }
+}
+
 impl Mesh {
     /// Checks that the mesh can carry the elements.
     ///
@@ -42,17 +60,24 @@ impl Mesh {
     ///   of zero width is not a gap), or a node inside the edge of another cell;
     /// - a named edge that is not an edge of a cell, or a named cell or node that does not exist.
     pub fn check(&self) -> Result<()> {
+        self.check_as(&NumbersOfFile::default())
+    }
+
+    /// Checks the mesh like [`Mesh::check`], with numbers for messages.
+    pub(super) fn check_as(&self, numbers: &NumbersOfFile) -> Result<()> {
         if self.cells.is_empty() {
             return Err(Error::Mesh("the mesh has no cell".into()));
         }
         let mut used = vec![false; self.nodes.len()];
         let mut owners: HashMap<[usize; 2], usize> = HashMap::with_capacity(4 * self.cells.len());
         for (number, cell) in self.cells.iter().enumerate() {
-            self.check_cell(number)?;
+            self.check_cell(number, numbers)?;
             cell.nodes().iter().for_each(|&node| used[node] = true);
             for [a, b] in cell.edges() {
                 if let Some(other) = owners.insert([a, b], number) {
                     let places = list(&[self.nodes[a], self.nodes[b]]);
+                    let [other, number] = [other, number].map(|cell| numbers.cell(cell));
+                    let [a, b] = [a, b].map(|node| numbers.node(node));
                     return Err(Error::Mesh(format!(
                         "cells {other} and {number} overlap: both lie on the same side of their common edge, nodes {a} \
                          and {b} at {places}"
@@ -62,13 +87,14 @@ impl Mesh {
         }
         if let Some(node) = used.iter().position(|used| !used) {
             let place = list(&[self.nodes[node]]);
-            return Err(Error::Mesh(format!("no cell uses node {node} at {place}")));
+            return Err(Error::Mesh(format!("no cell uses node {} at {place}", numbers.node(node))));
         }
-        self.check_joints(&owners)?;
+        self.check_joints(&owners, numbers)?;
         for (name, edges) in &self.edges {
             let stray =
                 |&&[a, b]: &&[usize; 2]| !owners.contains_key(&[a, b]) && !owners.contains_key(&[b, a]);
             if let Some([a, b]) = edges.iter().find(stray) {
+                let [a, b] = [a, b].map(|&node| numbers.node(node));
                 let text = format!("nodes {a} and {b} of edge \"{name}\" are not an edge of a cell");
                 return Err(Error::Mesh(text));
             }
@@ -76,8 +102,8 @@ impl Mesh {
         for (what, names, count) in
             [("cell", &self.groups, self.cells.len()), ("node", &self.points, self.nodes.len())]
         {
-            for (name, numbers) in names {
-                if let Some(number) = numbers.iter().find(|&&number| number >= count) {
+            for (name, members) in names {
+                if let Some(number) = members.iter().find(|&&number| number >= count) {
                     let text = format!("\"{name}\" names {what} {number}, but the mesh has {count} {what}s");
                     return Err(Error::Mesh(text));
                 }
@@ -91,7 +117,7 @@ impl Mesh {
     ///
     /// For each edge, only the nodes within its extent along x or y, the longer of the two, are
     /// tested.
-    fn check_joints(&self, owners: &HashMap<[usize; 2], usize>) -> Result<()> {
+    fn check_joints(&self, owners: &HashMap<[usize; 2], usize>, numbers: &NumbersOfFile) -> Result<()> {
         let boundary: Vec<[usize; 2]> = (self.cells.iter().flat_map(Cell::edges))
             .filter(|&[a, b]| !owners.contains_key(&[b, a]))
             .collect();
@@ -134,7 +160,7 @@ impl Mesh {
             let (place, ends) = (list(&[self.nodes[node]]), list(&[self.nodes[a], self.nodes[b]]));
             Err(Error::Mesh(match touch {
                 Touch::Node(twin, distance) => {
-                    let [first, second] = [node.min(twin), node.max(twin)];
+                    let [first, second] = [node.min(twin), node.max(twin)].map(|node| numbers.node(node));
                     let more = match twins.len() {
                         0 | 1 => String::new(),
                         count => format!(", and so are {} more pairs, up to {farthest:.1e} m apart", count - 1),
@@ -150,8 +176,9 @@ impl Mesh {
                     }
                 }
                 Touch::Side(distance) => format!(
-                    "node {node} at {place} hangs: it lies {distance:.1e} m from the edge {ends} of cell {owner} but is not one \
-                     of its nodes"
+                    "node {} at {place} hangs: it lies {distance:.1e} m from the edge {ends} of cell {} but is not one of its nodes",
+                    numbers.node(node),
+                    numbers.cell(owner)
                 ),
             }))
         })
@@ -184,18 +211,21 @@ impl Mesh {
     }
 
     /// Checks that the nodes of a cell exist and differ, and that its shape can carry an element.
-    fn check_cell(&self, number: usize) -> Result<()> {
-        let nodes = self.cells[number].nodes();
+    fn check_cell(&self, cell: usize, numbers: &NumbersOfFile) -> Result<()> {
+        let (nodes, number) = (self.cells[cell].nodes(), numbers.cell(cell));
         if let Some(node) = nodes.iter().find(|&&node| node >= self.nodes.len()) {
             let count = self.nodes.len();
             let text =
                 format!("cell {number}, of nodes {nodes:?}, has node {node}: the mesh has {count} nodes");
             return Err(Error::Mesh(text));
         }
-        let vertices = self.vertices(number);
+        let vertices = self.vertices(cell);
         if let Some(i) = (1..nodes.len()).find(|&i| nodes[..i].contains(&nodes[i])) {
-            let text =
-                format!("cell {number} has node {} twice; its vertices are {}", nodes[i], list(&vertices));
+            let text = format!(
+                "cell {number} has node {} twice; its vertices are {}",
+                numbers.node(nodes[i]),
+                list(&vertices)
+            );
             return Err(Error::Mesh(text));
         }
         require_convex(format_args!("cell {number}"), &vertices)

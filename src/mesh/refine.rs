@@ -54,6 +54,7 @@ impl Mesh {
         let edges = self.edges.iter().map(|(name, edges)| (name.clone(), halves(edges))).collect();
         let quarters = |cells: &Vec<usize>| cells.iter().flat_map(|cell| 4 * cell..4 * cell + 4).collect();
         let groups = self.groups.iter().map(|(name, cells)| (name.clone(), quarters(cells))).collect();
-        Mesh { nodes, cells, elements: self.elements, edges, groups, points: self.points.clone() }
+        let (points, notes) = (self.points.clone(), self.notes.clone());
+        Mesh { nodes, cells, elements: self.elements, edges, groups, points, notes }
     }
 }

@@ -34,9 +34,9 @@ table! {
         /// Parts of the plate with another thickness or material; the last one wins where they
         /// overlap.
         parts: Vec<Part> = tables("part", "where or group, and what differs there");
-        /// Discretisation: rectangles, or a Gmsh file.
+        /// Discretisation: rectangles, or a mesh file.
         mesh: Grid,
-        /// Gmsh file that gives shape and mesh, in place of a rectangle.
+        /// Mesh file that gives shape and mesh, in place of a rectangle.
         file: Option<MeshFile> = mesh();
         /// Supports: edges and points that are held; all others are free.
         supports: Vec<Support> = tables("support", "edge and kind");

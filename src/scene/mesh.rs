@@ -1,4 +1,4 @@
-//! Table `[mesh]`: rectangles or a Gmsh file.
+//! Table `[mesh]`: rectangles or a file.
 
 use super::document::{Document, join};
 use super::entry::{self, Entry, Kind, flat, flat_if, section, table, via};
@@ -14,7 +14,7 @@ const MOST_RECTANGLES: u64 = 4_000_000;
 table! {
     /// Table `[mesh]`.
     pub(super) struct MeshTable {
-        /// Gmsh file, if there is one.
+        /// File, if there is one.
         file: Option<MeshFile> = flat_if();
         /// Discretisation.
         grid: Grid = flat();
@@ -25,7 +25,8 @@ table! {
     /// Mesh from a file.
     #[derive(Debug, Clone, PartialEq)]
     pub struct MeshFile {
-        /// Gmsh mesh in format 4.1, or 2.0 to 2.2, text or binary, in place of `element`, `cells`,
+        /// Mesh of Gmsh in format 4.1, or 2.0 to 2.2, text or binary; of Abaqus or CalculiX
+        /// (`.inp`); of Nastran (`.bdf`, `.nas`, `.dat`). In place of `element`, `cells`,
         /// `diagonal` and the plate's sides.
         file: String,
         /// Path where the file was found.
@@ -69,11 +70,11 @@ impl MeshFile {
     /// Reads the mesh.
     ///
     /// # Errors
-    /// Returns the errors of [`Mesh::load_gmsh_as`], and [`crate::Error::Mesh`] where the number of
+    /// Returns the errors of [`Mesh::load`], and [`crate::Error::Mesh`] where the number of
     /// parts differs from the scene's.
     pub fn load(&self) -> Result<Mesh> {
         let import = Import { scale: self.scale.unwrap_or(1.0), merge: self.merge.unwrap_or(0.0) };
-        let mut mesh = Mesh::load_gmsh_as(&self.path, import)?;
+        let mut mesh = Mesh::load(&self.path, import)?;
         if mesh.edges.is_empty() {
             mesh.name_rims();
         }
@@ -109,7 +110,7 @@ pub(super) fn mesh() -> Entry<(Grid, Option<MeshFile>)> {
 
 /// Name of the mesh file, and the path where it was found.
 fn file_name() -> Kind<(String, String)> {
-    let file = name("expected the name of a Gmsh mesh");
+    let file = name("expected the name of a mesh file");
     let read = move |doc: &Document, key: &str| {
         let file = doc.required(key, &file)?;
         let path = doc.beside(&file);

@@ -112,6 +112,8 @@ pub struct Model<E: Engine = Native> {
     extremes: Option<Rc<StressSites>>,
     /// Rigid motions that nothing restrains, in words; `None` if there are none.
     pub mechanism: Option<&'static str>,
+    /// Notes on the mesh file, one sentence each.
+    pub notes: Vec<String>,
     /// Warnings from the set-up, one sentence each; the same on every process.
     pub warnings: Vec<String>,
     /// Kinetic energy of the plate moving at the speed of sound of its material, in J.
@@ -253,6 +255,7 @@ fn compose<E: OfCells, P: Partition>(
         deflections,
         extremes,
         mechanism,
+        notes: ground.mesh.notes.clone(),
         warnings,
         sonic,
         seconds,

@@ -106,6 +106,8 @@ pub struct Check {
     pub nodes: usize,
     /// Number of cells of the mesh.
     pub cells: usize,
+    /// Notes on the mesh file, one sentence each.
+    pub notes: Vec<String>,
     /// Nodes moved or inserted for points and lines of obstacles and supports.
     pub made_nodes: Vec<String>,
     /// Number of free dofs.
@@ -275,6 +277,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         effects: scene.effects(),
         nodes: mesh.nodes.len(),
         cells: mesh.cells.len(),
+        notes: mesh.notes.clone(),
         made_nodes: made.iter().map(told).collect(),
         dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
@@ -461,6 +464,9 @@ impl fmt::Display for Check {
             [self.nodes, self.cells, self.dofs, self.bounded_dofs].map(|count| grouped(count as u64));
         report
             .text("mesh", format!("{nodes} nodes, {cells} cells, {dofs} dofs, of which {bounded} may touch"));
+        for note in &self.notes {
+            report.text("mesh file", note);
+        }
         if !self.made_nodes.is_empty() {
             let others = self.made_nodes.len().saturating_sub(LISTED);
             let others = if others > 0 { format!(", and {others} more") } else { String::new() };

@@ -118,7 +118,8 @@ pub fn close(what: &str, value: f64, expected: f64, tolerance: f64) {
     assert!(error <= tolerance, "{what}: {value:.15e}, expected {expected:.15e}: relative error {error:.1e}");
 }
 
-/// Mesh to be written as Gmsh 2.2 text: nodes, cells of three or four nodes, and named lines.
+/// Mesh to be written as text of Gmsh 2.2, Abaqus or Nastran: nodes, cells of three or four nodes,
+/// and named lines.
 pub struct Drawing {
     pub nodes: Vec<[f64; 2]>,
     pub cells: Vec<Vec<usize>>,
@@ -186,8 +187,66 @@ impl Drawing {
         Drawing { nodes, cells, lines: vec![("rim", rim)] }
     }
 
-    /// Writes the mesh and returns the name of its file.
+    /// Writes the mesh in the format of the name's ending, and returns the name of its file.
     pub fn write(&self, name: &str) -> String {
+        let text = match name.rsplit_once('.') {
+            Some((_, "inp")) => self.abaqus(),
+            Some((_, "bdf")) => self.nastran(),
+            _ => self.gmsh(),
+        };
+        let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_string_lossy().into_owned()
+    }
+
+    /// Returns an input file of Abaqus, whose lines are sets of nodes.
+    pub fn abaqus(&self) -> String {
+        let mut text = String::from("*Heading\n a plate\n** its nodes\n*Node\n");
+        for (node, [x, y]) in self.nodes.iter().enumerate() {
+            let _ = writeln!(text, "{}, {x:?}, {y:?}, 0.", node + 1);
+        }
+        for (number, cell) in self.cells.iter().enumerate() {
+            let nodes: Vec<String> = cell.iter().map(|node| (node + 1).to_string()).collect();
+            let _ = writeln!(
+                text,
+                "*Element, type=S{}, elset=plate\n{}, {}",
+                cell.len(),
+                number + 1,
+                nodes.join(", ")
+            );
+        }
+        for (name, sides) in &self.lines {
+            let nodes: Vec<String> = sides.concat().iter().map(|node| (node + 1).to_string()).collect();
+            let _ = writeln!(text, "*Nset, nset={name}\n{}", nodes.join(",\n"));
+        }
+        text + "*Material, name=steel\n*Elastic\n210e9, 0.3\n*Density\n7800.\n"
+    }
+
+    /// Returns an input file of Nastran with long fields, whose lines are `SPC1` cards.
+    pub fn nastran(&self) -> String {
+        let mut text = String::from("SOL 103\nCEND\nBEGIN BULK\n$ a plate\nMAT1,1,210.+9,,0.3\n");
+        for (node, [x, y]) in self.nodes.iter().enumerate() {
+            let _ =
+                writeln!(text, "GRID*   {:>16}{:>16}{x:>16?}{y:>16?}\n*       {:>16}", node + 1, "", "0.");
+        }
+        for (number, cell) in self.cells.iter().enumerate() {
+            let name = if cell.len() == 3 { "CTRIA3" } else { "CQUAD4" };
+            let _ = write!(text, "{name:<8}{:>8}{:>8}", number + 1, 1);
+            cell.iter().for_each(|node| {
+                let _ = write!(text, "{:>8}", node + 1);
+            });
+            text.push('\n');
+        }
+        for (number, (_, sides)) in self.lines.iter().enumerate() {
+            for node in sides.concat() {
+                let _ = writeln!(text, "SPC1,{},123456,{}", number + 1, node + 1);
+            }
+        }
+        text + "ENDDATA\n"
+    }
+
+    /// Returns a file of Gmsh 2.2.
+    fn gmsh(&self) -> String {
         let mut text = String::from("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n");
         let _ = writeln!(text, "{}", self.lines.len() + 1);
         for (tag, (name, _)) in self.lines.iter().enumerate() {
@@ -209,9 +268,6 @@ impl Drawing {
             let nodes: Vec<String> = nodes.iter().map(|node| (node + 1).to_string()).collect();
             let _ = writeln!(text, "{} {kind} 2 {tag} {tag} {}", number + 1, nodes.join(" "));
         }
-        text += "$EndElements\n";
-        let path = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join(name);
-        std::fs::write(&path, text).unwrap();
-        path.to_string_lossy().into_owned()
+        text + "$EndElements\n"
     }
 }

@@ -1,14 +1,15 @@
-//! Corrupted Gmsh files. The answer is a sound mesh or an error, within a second of processor time
+//! Corrupted mesh files. The answer is a sound mesh or an error, within a second of processor time
 //! and with memory proportional to the size of the file.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::clock::processor_seconds;
 use crate::{MEMORY, alone};
 use proptest::prelude::*;
 use proptest::sample::Index;
 use proptest::test_runner::{Config, RngSeed, TestRunner};
-use rebond::{Error, mesh::Mesh};
+use rebond::Error;
+use rebond::mesh::{Import, Mesh};
 
 /// Maximum memory per byte of a file, in bytes.
 const COST: usize = 64;
@@ -63,11 +64,11 @@ fn apply(bytes: &mut Vec<u8>, spoil: &Spoil) {
     }
 }
 
-fn judge(bytes: &[u8]) -> Result<(), TestCaseError> {
+fn judge(name: &str, bytes: &[u8]) -> Result<(), TestCaseError> {
     let before = MEMORY.current_usage();
     MEMORY.reset_peak_usage();
     let start = processor_seconds();
-    let answer = Mesh::from_gmsh(bytes, "spoilt.msh");
+    let answer = Mesh::from_bytes(bytes, name, Import::default());
     let (seconds, memory) = (processor_seconds() - start, MEMORY.peak_usage() - before);
     prop_assert!(seconds < 1.0, "{seconds} s");
     prop_assert!(memory <= COST * bytes.len() + 4096, "{memory} bytes for a file of {}", bytes.len());
@@ -91,18 +92,21 @@ fn a_million_spoilt_files_are_harmless() {
 
 fn spoilt_files(cases: u32, seed: u64) {
     let _alone = alone();
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/gmsh");
-    let mut files: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
-    files.retain(|path| path.extension().is_some_and(|extension| extension == "msh"));
-    files.sort();
-    let files: Vec<Vec<u8>> = files.iter().map(|path| std::fs::read(path).unwrap()).collect();
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data");
+    let folders = ["gmsh", "cards"].map(|folder| std::fs::read_dir(data.join(folder)).unwrap());
+    let mut paths: Vec<_> = folders.into_iter().flatten().map(|entry| entry.unwrap().path()).collect();
+    let is_mesh = |ending: &str| ["msh", "inp", "bdf"].contains(&ending);
+    paths.retain(|path| path.extension().and_then(|ending| ending.to_str()).is_some_and(is_mesh));
+    paths.sort();
+    let read = |path: &PathBuf| (path.to_string_lossy().into_owned(), std::fs::read(path).unwrap());
+    let files: Vec<(String, Vec<u8>)> = paths.iter().map(read).collect();
     let strategy = (0..files.len(), prop::collection::vec(spoil(), 0..4));
     let config =
         Config { cases, rng_seed: RngSeed::Fixed(seed), failure_persistence: None, ..Config::default() };
     let outcome = TestRunner::new(config).run(&strategy, |(file, spoils)| {
-        let mut bytes = files[file].clone();
+        let (name, mut bytes) = files[file].clone();
         spoils.iter().for_each(|spoil| apply(&mut bytes, spoil));
-        judge(&bytes)
+        judge(&name, &bytes)
     });
     outcome.unwrap();
 }

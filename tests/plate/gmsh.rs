@@ -198,6 +198,8 @@ fn a_flaw_is_named_with_its_line() {
         ("30 1 1 3", "30 1 1 3.001", &[":17:", "node 30 lies at z = 3.001", "node 10 at z = 3", "flat"]),
         ("2 2 2 2 1 10 20 30", "2 4 2 2 1 10 20 30 40", &[":23:", "4-node tetrahedron", "flat"]),
         ("2 2 2 2 1 10 20 30", "2 9 2 2 1 10 20 30 7 7 7", &[":23:", "6-node triangle", "ElementOrder"]),
+        ("2 2 2 2 1 10 20 30", "2 21 2 2 1 10 20 30", &[":23:", "10-node triangle", "ElementOrder"]),
+        ("2 2 2 2 1 10 20 30", "2 36 2 2 1 10 20 30", &[":23:", "16-node quadrangle", "ElementOrder"]),
         ("2 2 2 2 1 10 20 30", "2 77 2 2 1 10 20 30", &[":23:", "type 77"]),
         ("2 2 2 2 1 10 20 30", "2 2 2 2 1 10 21 30", &[":23:", "node 21 "]),
         ("2 2 2 2 1 10 20 30", "2 2 2 2 1 10 20", &[":24:", "node 3 "]),
@@ -235,12 +237,12 @@ fn a_flaw_is_named_with_its_line() {
 fn cells_that_do_not_share_their_nodes_are_refused() {
     // The mesh gets a second node at (1, 1), and a node halfway up the diagonal.
     let twin = SQUARE.replace("7 .5 .5 9", "7 1 1 3").replace("10 30 40", "10 7 40");
-    assert_refused(twin.as_bytes(), &["nodes 2 and 3 are both at (1, 1)"]);
+    assert_refused(twin.as_bytes(), &["nodes 7 and 30 are both at (1, 1)"]);
     let hanging = SQUARE
         .replace("7 .5 .5 9", "7 .5 .5 3")
         .replace("$Elements\r\n3", "$Elements\r\n4")
         .replace("3 2 2 2 1 10 30 40", "3 2 2 2 1 10 7 40\r\n4 2 2 2 1 7 30 40");
-    assert_refused(hanging.as_bytes(), &["node 2 at (0.5, 0.5) hangs", "(1, 1), (0, 0) of cell 0"]);
+    assert_refused(hanging.as_bytes(), &["node 7 at (0.5, 0.5) hangs", "(1, 1), (0, 0) of cell 2"]);
 }
 
 #[test]

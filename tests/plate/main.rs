@@ -4,6 +4,7 @@
 mod common;
 
 mod edge_moments;
+mod cards;
 mod elements;
 mod frequencies;
 mod gmsh;

@@ -263,6 +263,22 @@ fn ten_thousand_random_doubled_nodes() {
     random_doubles(10_000);
 }
 
+/// A plate that strikes a floor moves to the bit as one whose mesh is Gmsh's.
+#[test]
+fn histories_do_not_depend_on_the_format() {
+    let drawing = Drawing::grid([6, 4], [0.75, 0.5], true, |x, y| [x, y]);
+    let rows = |ending: &str, edge: &str| {
+        let file = drawing.write(&format!("history.{ending}"));
+        let more = "obstacle = [{ side = \"below\", height = -1e-5 }]\nload.gravity = 9.81\n\
+                    output.probes = [{ name = \"tip\", at = [0.75, 0.5] }]\n";
+        let support = format!("support = [{{ edge = \"{edge}\", kind = \"clamped\" }}]\n{more}");
+        format!("{:?}", run(&text(&file, "", &support)))
+    };
+    let gmsh = rows("msh", "left");
+    assert_eq!(rows("inp", "left"), gmsh);
+    assert_eq!(rows("bdf", "spc_1"), gmsh);
+}
+
 #[test]
 fn files_of_other_kinds_are_named_with_a_remedy() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
@@ -270,7 +286,8 @@ fn files_of_other_kinds_are_named_with_a_remedy() {
         ("pointer.msh", "version https://git-lfs.github.com/spec/v1\n", ["Git LFS", "git lfs pull"]),
         ("bracket.step", "ISO-10303-21;\nHEADER;\n", ["STEP", ".msh"]),
         ("bracket.stl", "solid bracket\n", ["STL", ".msh"]),
-        ("bracket.inp", "*Heading\n** a job\n", ["Abaqus", "meshio"]),
+        ("abaqus.msh", "*Heading\n** a job\n", ["Abaqus", ".inp"]),
+        ("nastran.msh", "SOL 101\nCEND\n", ["Nastran", ".bdf"]),
         ("bracket.geo", "Point(1) = {0, 0, 0};\n", ["script of Gmsh", "gmsh -2"]),
     ] {
         let file = folder.join(name);

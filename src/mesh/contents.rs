@@ -1,23 +1,19 @@
-//! Meshes from Gmsh: MSH 2.2 and 4.1, in text or in binary of either byte order.
-//!
-//! Source: C. Geuzaine and J.-F. Remacle, *Gmsh reference manual*, "MSH file format" and "MSH file
-//! format version 2 (Legacy)".
+//! Contents of a mesh file of any format, and the mesh that they make.
 
-mod cursor;
-mod sections;
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
+use std::rc::Rc;
 
-use std::collections::{HashMap, HashSet};
-use std::path::Path;
-
+use super::cursor::Cursor;
+use super::quality::NumbersOfFile;
 use super::{Cell, Mesh, Point};
 use crate::error::Result;
 use crate::geometry;
-use crate::input;
-use cursor::Cursor;
-use sections::{Block, Node, Sections, physical};
 
 /// Largest distance of a node from the plane of the others, relative to the size of the plate.
 const FLAT: f64 = 1e-9;
+
+/// Advice for volumes.
+pub const SOLID: &str = "a plate is flat: mesh its surfaces only";
 
 /// Conversion of a mesh as it is read.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -34,68 +30,132 @@ impl Default for Import {
     }
 }
 
-impl Mesh {
-    /// Reads a mesh saved by Gmsh: MSH 2.2 or 4.1, text or binary.
-    ///
-    /// - Triangles and quadrangles become cells, in the order of the file; clockwise ones are
-    ///   reversed. Nodes keep their order; those that no cell uses are dropped. A repeated cell, as
-    ///   2.2 writes it for each of its groups, counts once.
-    /// - Physical curves become named [`edges`](Mesh::edges), physical surfaces
-    ///   [`groups`](Mesh::groups) of cells, and physical points named [`points`](Mesh::points). One
-    ///   without a name is called by its number (`"7"`); those of one name and kind are united. A
-    ///   boundary edge has its cell on the left.
-    /// - Curved boundaries become the straight edges between their nodes. Lengths are in m.
-    /// - Whole and partitioned files give the same mesh. Parametric coordinates, periodicity,
-    ///   post-processing data and sections of other programs are ignored.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Io`] for a file that cannot be read. Returns [`crate::Error::Mesh`],
-    /// with the line or the offset where there is one, for
-    ///
-    /// - a file that does not follow the format, or another version of it;
-    /// - elements of higher order or volumes, or no cell at all;
-    /// - nodes that do not lie in one plane of constant z;
-    /// - a physical group that contains nothing, or no edge or node of a cell;
-    /// - a mesh that [`Mesh::check`] refuses.
-    pub fn load_gmsh(path: impl AsRef<Path>) -> Result<Mesh> {
-        Mesh::load_gmsh_as(path, Import::default())
-    }
+/// Numbers of groups of one dimension.
+pub type Groups = Rc<[u64]>;
 
-    /// Reads a mesh like [`Mesh::load_gmsh`], with coordinates in another unit or nodes to be
-    /// merged.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Mesh::load_gmsh`], and [`crate::Error::Mesh`] where nodes of one
-    /// cell would be merged.
-    pub fn load_gmsh_as(path: impl AsRef<Path>, import: Import) -> Result<Mesh> {
-        let path = path.as_ref();
-        // Only the available memory limits the size of the file.
-        let bytes = input::read(path, u64::MAX)?;
-        Mesh::from_gmsh_as(&bytes, &path.display().to_string(), import)
-    }
-
-    /// Reads a mesh like [`Mesh::load_gmsh`], from the bytes of a file. Any bytes give either a
-    /// valid mesh or [`crate::Error::Mesh`].
-    pub fn from_gmsh(bytes: &[u8], file_name: &str) -> Result<Mesh> {
-        Mesh::from_gmsh_as(bytes, file_name, Import::default())
-    }
-
-    /// Reads a mesh like [`Mesh::load_gmsh_as`], from the bytes of a file.
-    pub fn from_gmsh_as(bytes: &[u8], file_name: &str, import: Import) -> Result<Mesh> {
-        Sections::read(Cursor::new(file_name, bytes))?.mesh(import)
-    }
+/// Node as the file has it.
+pub struct Node {
+    pub number: u64,
+    pub place: usize,
+    pub position: [f64; 3],
 }
 
-impl Sections<'_> {
+/// Elements of one shape in the same groups.
+struct Block {
+    shape: Shape,
+    groups: Groups,
+    /// Numbers of the elements in the file.
+    numbers: Vec<u64>,
+    /// Indices of the nodes, element by element.
+    nodes: Vec<usize>,
+}
+
+/// Shape of elements that a plate can use.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    pub dimension: usize,
+    /// Number of nodes.
+    pub nodes: usize,
+}
+
+/// Words of a format.
+pub struct Dialect {
+    /// Kinds of groups in messages, by dimension.
+    pub groups: [&'static str; 3],
+    /// Remedy where a file has no cell.
+    pub no_cell: &'static str,
+}
+
+/// Contents of a mesh file.
+pub struct Contents<'a> {
+    pub cursor: Cursor<'a>,
+    dialect: &'static Dialect,
+    /// Names of groups, by dimension and number.
+    pub names: BTreeMap<(usize, u64), String>,
+    pub nodes: Vec<Node>,
+    /// Indices of the nodes by their numbers in the file.
+    pub indices: HashMap<u64, usize>,
+    blocks: Vec<Block>,
+    /// Named sets of nodes, as indices: edges where they consist of whole sides of the boundary.
+    pub node_sets: BTreeMap<String, Vec<usize>>,
+    /// Notes for the user, one sentence each.
+    pub notes: Vec<String>,
+}
+
+impl<'a> Contents<'a> {
+    pub fn new(cursor: Cursor<'a>, dialect: &'static Dialect) -> Contents<'a> {
+        Contents {
+            cursor,
+            dialect,
+            names: BTreeMap::new(),
+            nodes: Vec::new(),
+            indices: HashMap::new(),
+            blocks: Vec::new(),
+            node_sets: BTreeMap::new(),
+            notes: Vec::new(),
+        }
+    }
+
+    pub fn add_node(&mut self, node: Node) -> Result<()> {
+        if self.indices.insert(node.number, self.nodes.len()).is_some() {
+            let text = format!("there is a node {} above already", node.number);
+            return Err(self.cursor.fault(node.place, text));
+        }
+        self.nodes.push(node);
+        Ok(())
+    }
+
+    /// Begins an element, whose nodes follow by [`Contents::add_corner`].
+    pub fn begin_element(&mut self, shape: Shape, groups: &[u64], number: u64) {
+        match self.blocks.last_mut().filter(|last| last.shape == shape && *last.groups == *groups) {
+            Some(last) => last.numbers.push(number),
+            None => self.blocks.push(Block {
+                shape,
+                groups: groups.into(),
+                numbers: vec![number],
+                nodes: Vec::new(),
+            }),
+        }
+    }
+
+    /// Adds a node, by its number, to the last element.
+    pub fn add_corner(&mut self, place: usize, number: u64) -> Result<()> {
+        let Some(index) = self.index(number) else {
+            let wrong = format!("node {number} of this element is not among the nodes above");
+            return Err(self.cursor.fault(place, wrong));
+        };
+        self.blocks.iter_mut().last().into_iter().for_each(|block| block.nodes.push(index));
+        Ok(())
+    }
+
+    /// Returns the index of a node by its number.
+    pub fn index(&self, number: u64) -> Option<usize> {
+        self.indices.get(&number).copied()
+    }
+
     /// Returns the mesh of all elements, checked.
-    fn mesh(&self, import: Import) -> Result<Mesh> {
+    pub fn mesh(&self, import: Import) -> Result<Mesh> {
         let (mut mesh, numbers) = self.flat_nodes(import)?;
-        self.add_cells(&mut mesh, &numbers);
+        let names = NumbersOfFile {
+            nodes: self.node_numbers(&numbers, mesh.nodes.len()),
+            cells: self.add_cells(&mut mesh, &numbers),
+        };
         self.require_apart(&mesh, import)?;
         self.add_edges(&mut mesh, &numbers)?;
         self.add_points(&mut mesh, &numbers)?;
-        mesh.check().map_err(|error| self.cursor.fault_of_file(error))?;
+        self.add_node_sets(&mut mesh, &numbers);
+        mesh.notes.clone_from(&self.notes);
+        mesh.check_as(&names).map_err(|error| self.cursor.fault_of_file(error))?;
         Ok(mesh)
+    }
+
+    /// Returns the number in the file of each node of the mesh.
+    fn node_numbers(&self, numbers: &[Option<usize>], count: usize) -> Vec<u64> {
+        let mut names = vec![0; count];
+        for (node, number) in self.nodes.iter().zip(numbers).rev() {
+            number.iter().for_each(|&number| names[number] = node.number);
+        }
+        names
     }
 
     fn blocks_of(&self, dimension: usize) -> impl Iterator<Item = &Block> + Clone {
@@ -124,10 +184,8 @@ impl Sections<'_> {
         self.blocks_of(2).flat_map(|block| &block.nodes).for_each(|&index| used[index] = true);
         let mut nodes = self.nodes.iter().zip(&used).filter(|(_, used)| **used).map(|(node, _)| node);
         let Some(first) = nodes.next() else {
-            return Err(self.cursor.fault_of_file(
-                "there is no triangle and no quadrangle: mesh the surface, and where there are physical groups, put it \
-                 into one or set Mesh.SaveAll = 1",
-            ));
+            let wrong = format!("there is no triangle and no quadrangle: {}", self.dialect.no_cell);
+            return Err(self.cursor.fault_of_file(wrong));
         };
         let size = nodes.clone().fold(0.0, |size: f64, node| {
             (0..2).fold(size, |size, i| size.max((node.position[i] - first.position[i]).abs()))
@@ -158,11 +216,13 @@ impl Sections<'_> {
         Ok((mesh, numbers))
     }
 
-    fn add_cells(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) {
+    /// Adds the cells and their groups. Returns the number in the file of each cell.
+    fn add_cells(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) -> Vec<u64> {
         let mut cell_numbers: HashMap<Cell, usize> = HashMap::new();
+        let mut names = Vec::new();
         for block in self.blocks_of(2) {
             let mut members = Vec::new();
-            for nodes in block.nodes.chunks_exact(block.shape.nodes) {
+            for (nodes, &name) in block.nodes.chunks_exact(block.shape.nodes).zip(&block.numbers) {
                 let mut nodes: Vec<usize> = nodes.iter().filter_map(|&index| numbers[index]).collect();
                 let vertices: Vec<Point> = nodes.iter().map(|&node| mesh.nodes[node]).collect();
                 if geometry::area(&vertices) < 0.0 {
@@ -174,6 +234,7 @@ impl Sections<'_> {
                 nodes.rotate_left(first);
                 members.push(*cell_numbers.entry(self::cell(&nodes)).or_insert_with(|| {
                     mesh.cells.push(cell);
+                    names.push(name);
                     mesh.cells.len() - 1
                 }));
             }
@@ -182,6 +243,7 @@ impl Sections<'_> {
             }
         }
         mesh.groups.values_mut().for_each(sort);
+        names
     }
 
     fn add_edges(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) -> Result<()> {
@@ -197,7 +259,7 @@ impl Sections<'_> {
                         let [from, to] = [nodes[0], nodes[1]].map(|index| self.spot(index));
                         self.cursor.fault_of_file(format_args!(
                             "the line from {from} to {to}, of {} {name:?}, is not an edge of a cell",
-                            physical(1)
+                            self.dialect.groups[1]
                         ))
                     })?);
                 }
@@ -216,7 +278,7 @@ impl Sections<'_> {
                 let name = self.name(0, group);
                 for &index in &block.nodes {
                     let node = numbers[index].ok_or_else(|| {
-                        let (spot, kind) = (self.spot(index), physical(0));
+                        let (spot, kind) = (self.spot(index), self.dialect.groups[0]);
                         self.cursor.fault_of_file(format_args!(
                             "{spot}, of {kind} {name:?}, is not a node of a cell"
                         ))
@@ -229,9 +291,34 @@ impl Sections<'_> {
         Ok(())
     }
 
+    /// Adds the sets of nodes: as edges where they consist of whole sides of the boundary, else as
+    /// points. Nodes that no cell uses are left out.
+    fn add_node_sets(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) {
+        if self.node_sets.is_empty() {
+            return;
+        }
+        let sides: HashSet<[usize; 2]> = mesh.cells.iter().flat_map(Cell::edges).collect();
+        let boundary = mesh.cells.iter().flat_map(Cell::edges).filter(|&[a, b]| !sides.contains(&[b, a]));
+        let boundary: Vec<[usize; 2]> = boundary.collect();
+        for (name, nodes) in &self.node_sets {
+            let members: BTreeSet<usize> = nodes.iter().filter_map(|&index| numbers[index]).collect();
+            let is_within = |side: &&[usize; 2]| side.iter().all(|node| members.contains(node));
+            let edges: Vec<[usize; 2]> = boundary.iter().filter(is_within).copied().collect();
+            let is_named = mesh.edges.contains_key(name) || mesh.groups.contains_key(name);
+            if is_named || members.is_empty() {
+                continue;
+            }
+            if edges.concat().into_iter().collect::<BTreeSet<_>>() == members {
+                mesh.edges.insert(name.clone(), edges);
+            } else {
+                mesh.points.insert(name.clone(), members.into_iter().collect());
+            }
+        }
+    }
+
     fn name(&self, dimension: usize, group: u64) -> String {
         match self.names.get(&(dimension, group)) {
-            Some((name, _)) => name.to_string(),
+            Some(name) => name.clone(),
             None => group.to_string(),
         }
     }

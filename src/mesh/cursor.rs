@@ -19,15 +19,16 @@ pub enum Encoding {
 }
 
 /// Beginnings of files that are no meshes of Gmsh, with what they are and what to do.
-const FOREIGN: [(&[u8], &str); 9] = [
+const FOREIGN: [(&[u8], &str); 10] = [
     (b"version", "a pointer of Git LFS in place of the mesh; `git lfs pull` fetches the mesh itself"),
     (b"ISO-10303-21", "a geometry (STEP) without a mesh; mesh it in Gmsh, and save it as .msh"),
     (b"solid", "a surface (STL) without a mesh of the plane; mesh it in Gmsh, and save it as .msh"),
     (b"DBRep_DrawableShape", "a geometry (BREP) without a mesh; mesh it in Gmsh, and save it as .msh"),
     (b"<?xml", "an XML file; open it in Gmsh or meshio, and save it as .msh"),
-    (b"*", "an input file of Abaqus; open it in Gmsh or meshio, and save it as .msh"),
-    (b"SOL", "an input file of Nastran; open it in Gmsh or meshio, and save it as .msh"),
-    (b"BEGIN", "an input file of Nastran; open it in Gmsh or meshio, and save it as .msh"),
+    (b"*", "an input file of Abaqus or CalculiX; its name should end in .inp"),
+    (b"SOL", "an input file of Nastran; its name should end in .bdf, .nas or .dat"),
+    (b"BEGIN", "an input file of Nastran; its name should end in .bdf, .nas or .dat"),
+    (b"GRID", "an input file of Nastran; its name should end in .bdf, .nas or .dat"),
     (b"Point(", "a script of Gmsh (.geo); `gmsh -2 FILE.geo` makes its mesh, a .msh file"),
 ];
 
@@ -72,6 +73,16 @@ impl<'a> Cursor<'a> {
             format!("{file}:{line}: {wrong}")
         } else {
             format!("{file}: byte {place}: {wrong}")
+        })
+    }
+
+    /// Returns the lines of the file with their offsets, without the characters that end them.
+    pub fn lines(&self) -> impl Iterator<Item = (usize, &'a [u8])> + use<'a> {
+        let mut place = 0;
+        self.bytes.split_inclusive(|&byte| byte == b'\n').map(move |line| {
+            let start = place;
+            place += line.len();
+            (start, line.trim_ascii_end())
         })
     }
 
@@ -224,7 +235,8 @@ impl<'a> Cursor<'a> {
         self.fault(self.bytes.len(), format_args!("the file ends where {expected} should stand"))
     }
 
-    fn unexpected(&self, place: usize, expected: &str, bytes: &[u8]) -> Error {
+    /// Returns an error about bytes that stand where something else is expected.
+    pub fn unexpected(&self, place: usize, expected: &str, bytes: &[u8]) -> Error {
         const MOST: usize = 40;
         let shown = String::from_utf8_lossy(&bytes[..bytes.len().min(MOST)]);
         let dots = if bytes.len() > MOST { "..." } else { "" };
