@@ -36,6 +36,7 @@ CAPABILITIES = {
     "Meshes": ["mesh"],
     "Meshes from files": [
         "mesh/abaqus.rs", "mesh/cards.rs", "mesh/contents.rs", "mesh/cursor.rs", "mesh/file.rs", "mesh/gmsh.rs", "mesh/nastran.rs",
+        "mesh/plane.rs",
     ],
     "Plates, degrees of freedom, matrices": ["assembly", "dof_map.rs", "plate.rs", "stress.rs", "motion.rs", "energy.rs"],
     "Obstacles": ["obstacle"],

@@ -4,13 +4,11 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::rc::Rc;
 
 use super::cursor::Cursor;
+use super::plane::Plane;
 use super::quality::NumbersOfFile;
 use super::{Cell, Mesh, Point};
 use crate::error::Result;
 use crate::geometry;
-
-/// Largest distance of a node from the plane of the others, relative to the size of the plate.
-const FLAT: f64 = 1e-9;
 
 /// Advice for volumes.
 pub const SOLID: &str = "a plate is flat: mesh its surfaces only";
@@ -76,6 +74,8 @@ pub struct Contents<'a> {
     /// Indices of the nodes by their numbers in the file.
     pub indices: HashMap<u64, usize>,
     blocks: Vec<Block>,
+    /// Plane of the nodes that cells use, once it is determined.
+    plane: Plane,
     /// Named sets of nodes, as indices: edges where they consist of whole sides of the boundary.
     pub node_sets: BTreeMap<String, Vec<usize>>,
     /// Notes for the user, one sentence each.
@@ -91,6 +91,7 @@ impl<'a> Contents<'a> {
             nodes: Vec::new(),
             indices: HashMap::new(),
             blocks: Vec::new(),
+            plane: Plane::default(),
             node_sets: BTreeMap::new(),
             notes: Vec::new(),
         }
@@ -134,7 +135,7 @@ impl<'a> Contents<'a> {
     }
 
     /// Returns the mesh of all elements, checked.
-    pub fn mesh(&self, import: Import) -> Result<Mesh> {
+    pub fn mesh(mut self, import: Import) -> Result<Mesh> {
         let (mut mesh, numbers) = self.flat_nodes(import)?;
         let names = NumbersOfFile {
             nodes: self.node_numbers(&numbers, mesh.nodes.len()),
@@ -144,7 +145,7 @@ impl<'a> Contents<'a> {
         self.add_edges(&mut mesh, &numbers)?;
         self.add_points(&mut mesh, &numbers)?;
         self.add_node_sets(&mut mesh, &numbers);
-        mesh.notes.clone_from(&self.notes);
+        mesh.notes.extend(self.plane.note.iter().chain(&self.notes).cloned());
         mesh.check_as(&names).map_err(|error| self.cursor.fault_of_file(error))?;
         Ok(mesh)
     }
@@ -179,25 +180,21 @@ impl<'a> Contents<'a> {
     }
 
     /// Returns a mesh of the nodes that cells use, and for each node of the file its number there.
-    fn flat_nodes(&self, import: Import) -> Result<(Mesh, Vec<Option<usize>>)> {
+    fn flat_nodes(&mut self, import: Import) -> Result<(Mesh, Vec<Option<usize>>)> {
         let mut used = vec![false; self.nodes.len()];
         self.blocks_of(2).flat_map(|block| &block.nodes).for_each(|&index| used[index] = true);
-        let mut nodes = self.nodes.iter().zip(&used).filter(|(_, used)| **used).map(|(node, _)| node);
-        let Some(first) = nodes.next() else {
+        let nodes = || self.nodes.iter().zip(&used).filter(|(_, used)| **used).map(|(node, _)| node);
+        let positions: Vec<[f64; 3]> = nodes().map(|node| node.position).collect();
+        if positions.is_empty() {
             let wrong = format!("there is no triangle and no quadrangle: {}", self.dialect.no_cell);
             return Err(self.cursor.fault_of_file(wrong));
-        };
-        let size = nodes.clone().fold(0.0, |size: f64, node| {
-            (0..2).fold(size, |size, i| size.max((node.position[i] - first.position[i]).abs()))
-        });
-        if let Some(node) = nodes.find(|node| (node.position[2] - first.position[2]).abs() > FLAT * size) {
-            let text = format!(
-                "node {} lies at z = {}, but node {} at z = {}: a plate is flat, its z constant",
-                node.number, node.position[2], first.number, first.position[2]
-            );
-            return Err(self.cursor.fault(node.place, text));
         }
-        let place = |node: &Node| Point::new(node.position[0], node.position[1]) * import.scale;
+        let plane = Plane::of(&positions).map_err(|off| match nodes().nth(off.index) {
+            Some(node) => self.cursor.fault(node.place, format_args!("node {} {}", node.number, off.wrong)),
+            None => self.cursor.fault_of_file(off.wrong),
+        })?;
+        self.plane = plane;
+        let place = |node: &Node| self.plane.point(node.position) * import.scale;
         let places: Vec<Option<Point>> =
             self.nodes.iter().zip(used).map(|(node, used)| used.then(|| place(node))).collect();
         let first_of = merged(&places, import.merge);
@@ -325,8 +322,8 @@ impl<'a> Contents<'a> {
 
     /// Describes a node in words.
     fn spot(&self, index: usize) -> String {
-        let Node { number, position: [x, y, _], .. } = self.nodes[index];
-        format!("node {number} at {}", geometry::place([x, y]))
+        let Node { number, position, .. } = self.nodes[index];
+        format!("node {number} at {}", geometry::place(self.plane.point(position)))
     }
 }
 

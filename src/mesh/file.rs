@@ -35,7 +35,7 @@ impl Mesh {
     ///
     /// - a file that does not follow the format, or another version of it;
     /// - elements of higher order or volumes, or no cell at all;
-    /// - nodes that do not lie in one plane of constant z;
+    /// - nodes that do not lie in one plane, which need not be one of constant z;
     /// - a physical group that contains nothing, or no edge or node of a cell;
     /// - a mesh that [`Mesh::check`] refuses.
     pub fn load_gmsh(path: impl AsRef<Path>) -> Result<Mesh> {

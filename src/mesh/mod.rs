@@ -14,6 +14,7 @@ mod gmsh;
 mod insert;
 mod nastran;
 mod parts;
+mod plane;
 mod quality;
 mod rectangle;
 mod refine;

@@ -142,3 +142,57 @@ fn a_flaw_is_named_with_its_line() {
     assert_refused("", "plate.inp", &["no triangle", "TYPE=S3"]);
     assert_refused("", "plate.bdf", &["no triangle", "CQUAD4"]);
 }
+
+/// A mesh that is turned in space has the same shape, and its note says where x and y are.
+#[test]
+fn a_mesh_lies_in_any_plane() {
+    let drawing = Drawing::grid([4, 2], [1.0, 0.5], true, |x, y| [x, y]);
+    let flat = read(&drawing.abaqus(), "flat.inp").unwrap();
+    let turned = |place: &dyn Fn(f64, f64) -> [f64; 3]| {
+        let mut text = drawing.abaqus();
+        for (node, &[x, y]) in drawing.nodes.iter().enumerate() {
+            let [a, b, c] = place(x, y);
+            text = text.replacen(
+                &format!("\n{}, {x:?}, {y:?}, 0.", node + 1),
+                &format!("\n{}, {a:?}, {b:?}, {c:?}", node + 1),
+                1,
+            );
+        }
+        read(&text, "turned.inp")
+    };
+    let level = turned(&|x, y| [x, y, 0.3]).unwrap();
+    assert_eq!(level, flat);
+    for (place, note) in [
+        (
+            (|x, y| [3.0, x, y]) as fn(f64, f64) -> [f64; 3],
+            "the mesh lies in the plane x = 3: its y is x here, its z is y, and its x points up",
+        ),
+        (
+            |x, y| [x, -0.1, y],
+            "the mesh lies in the plane y = -0.1: its x is x here, its z is y, and its y points down",
+        ),
+    ] {
+        let mesh = turned(&place).unwrap();
+        assert_eq!((&mesh.nodes, &mesh.cells, &mesh.edges), (&flat.nodes, &flat.cells, &flat.edges));
+        assert_eq!(mesh.notes[0], note);
+    }
+    // Across z after a turn by 3-4-5 about y; and a vertical plane. The digits are six or all.
+    let rounded = |x: f64| (x * 1e6).round() / 1e6;
+    for (place, words) in [
+        ((|x, y| [0.8 * x, y, 2.0 - 0.6 * x]) as fn(f64, f64) -> [f64; 3], ["(0.8, 0, -0.6)", "(0, 1, 0)"]),
+        (|x, y| [0.6 * x, 0.8 * x, y], ["(0.6, 0.8, 0)", "(0, 0, 1)"]),
+    ] {
+        for digits in [|x| x, rounded] {
+            let mesh = turned(&|x, y| place(x, y).map(digits)).unwrap();
+            words.iter().for_each(|word| assert!(mesh.notes[0].contains(word), "{}", mesh.notes[0]));
+            assert_eq!(mesh.cells, flat.cells);
+            let shift = mesh.nodes[0] - flat.nodes[0];
+            for (node, expected) in mesh.nodes.iter().zip(&flat.nodes) {
+                assert!((node - expected - shift).norm() < 2e-6, "{node}, {expected}");
+            }
+        }
+    }
+    let shell = turned(&|x, y| [x, y, 0.01 * x * y]).unwrap_err().to_string();
+    let words = ["turned.inp:", "of the size of the mesh off the plane", "flat", "1e-5"];
+    words.iter().for_each(|word| assert!(shell.contains(word), "{shell}"));
+}

@@ -195,7 +195,7 @@ fn a_flaw_is_named_with_its_line() {
         ("20 1 0 3", "20 1 nan 3", &[":15:", "coordinate", "NaN"]),
         ("20 1 0 3", "-20 1 0 3", &[":15:", "number of a node", "-20"]),
         ("20 1 0 3", "10 1 0 3", &[":15:", "node 10", "already"]),
-        ("30 1 1 3", "30 1 1 3.001", &[":17:", "node 30 lies at z = 3.001", "node 10 at z = 3", "flat"]),
+        ("30 1 1 3", "30 1 1 3.001", &[":18:", "node 40 lies 1.0e-3", "off the plane", "flat", "1e-5"]),
         ("2 2 2 2 1 10 20 30", "2 4 2 2 1 10 20 30 40", &[":23:", "4-node tetrahedron", "flat"]),
         ("2 2 2 2 1 10 20 30", "2 9 2 2 1 10 20 30 7 7 7", &[":23:", "6-node triangle", "ElementOrder"]),
         ("2 2 2 2 1 10 20 30", "2 21 2 2 1 10 20 30", &[":23:", "10-node triangle", "ElementOrder"]),
