@@ -20,11 +20,13 @@ pub struct Import {
     pub scale: f64,
     /// Distance up to which nodes are merged, in m; 0 merges none.
     pub merge: f64,
+    /// Whether boundary edges may lie on each other, see [`Mesh::slits`].
+    pub slits: bool,
 }
 
 impl Default for Import {
     fn default() -> Import {
-        Import { scale: 1.0, merge: 0.0 }
+        Import { scale: 1.0, merge: 0.0, slits: false }
     }
 }
 
@@ -141,6 +143,7 @@ impl<'a> Contents<'a> {
             nodes: self.node_numbers(&numbers, mesh.nodes.len()),
             cells: self.add_cells(&mut mesh, &numbers),
         };
+        mesh.slits = import.slits;
         self.require_apart(&mesh, import)?;
         self.add_edges(&mut mesh, &numbers)?;
         self.add_points(&mut mesh, &numbers)?;

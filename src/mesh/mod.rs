@@ -85,6 +85,8 @@ pub struct Mesh {
     pub groups: BTreeMap<String, Vec<usize>>,
     /// Named nodes, as node numbers.
     pub points: BTreeMap<String, Vec<usize>>,
+    /// Whether boundary edges may lie on each other without a common node: slits of no width.
+    pub slits: bool,
     /// Notes of the reader of its file, one sentence each.
     pub notes: Vec<String>,
 }

@@ -56,8 +56,8 @@ impl Mesh {
     /// - a cell with a node that does not exist or appears twice;
     /// - a cell that is flat, clockwise or not strictly convex;
     /// - cells that overlap along an edge, as they must when more than two share it;
-    /// - cells that touch along an edge without sharing its nodes: two nodes at one place (a slit
-    ///   of zero width is not a gap), or a node inside the edge of another cell;
+    /// - cells that touch along an edge without sharing its nodes, unless the mesh has
+    ///   [`slits`](Mesh::slits): two nodes at one place, or a node inside the edge of another cell;
     /// - a named edge that is not an edge of a cell, or a named cell or node that does not exist.
     pub fn check(&self) -> Result<()> {
         self.check_as(&NumbersOfFile::default())
@@ -166,17 +166,21 @@ impl Mesh {
                         count => format!(", and so are {} more pairs, up to {farthest:.1e} m apart", count - 1),
                     };
                     if distance <= JOINT * shortest[node] {
-                        format!("nodes {first} and {second} are both at {place}{more}: merge them, for example with mesh.merge = {}", merge(farthest))
+                        format!(
+                            "nodes {first} and {second} are both at {place}{more}: merge them, for example with mesh.merge = {}, or \
+                             set mesh.slits = true if the plate is slit there",
+                            merge(farthest)
+                        )
                     } else {
                         format!(
                             "nodes {first} and {second} at {place} are {distance:.1e} m apart, too near for a gap{more}: merge \
-                             them, for example with mesh.merge = {}",
+                             them, for example with mesh.merge = {}, or set mesh.slits = true if the plate is slit there",
                             merge(farthest)
                         )
                     }
                 }
                 Touch::Side(distance) => format!(
-                    "node {} at {place} hangs: it lies {distance:.1e} m from the edge {ends} of cell {} but is not one of its nodes",
+                    "node {} at {place} hangs: it lies {distance:.1e} m from the edge {ends} of cell {} but is not one of its nodes; mesh.slits = true allows this where the plate is slit",
                     numbers.node(node),
                     numbers.cell(owner)
                 ),
@@ -184,7 +188,8 @@ impl Mesh {
         })
     }
 
-    /// Returns how a node outside the owner of an edge touches that edge, if it does.
+    /// Returns how a node outside the owner of an edge touches that edge, if it does. In a mesh
+    /// with slits only a node inside the owner does.
     fn touch(&self, owner: usize, [a, b]: [usize; 2], node: usize, gap: f64) -> Option<Touch> {
         let [start, end, point] = [a, b, node].map(|node| self.nodes[node]);
         let side = end - start;
@@ -199,6 +204,9 @@ impl Mesh {
         let nearest = [a, b].into_iter().map(|n| ((self.nodes[n] - point).norm(), n));
         let (distance, twin) = nearest.min_by(|x, y| x.0.total_cmp(&y.0))?;
         let is_in_gap = beyond >= -slack;
+        if self.slits && is_in_gap {
+            return None;
+        }
         if distance <= slack || distance <= gap && (is_in_gap || is_inside(-JOINT)) {
             let share = |cell: &Cell| cell.nodes().contains(&node) && cell.nodes().contains(&twin);
             return (!self.cells.iter().any(share)).then_some(Touch::Node(twin, distance));

@@ -55,6 +55,6 @@ impl Mesh {
         let quarters = |cells: &Vec<usize>| cells.iter().flat_map(|cell| 4 * cell..4 * cell + 4).collect();
         let groups = self.groups.iter().map(|(name, cells)| (name.clone(), quarters(cells))).collect();
         let (points, notes) = (self.points.clone(), self.notes.clone());
-        Mesh { nodes, cells, elements: self.elements, edges, groups, points, notes }
+        Mesh { nodes, cells, elements: self.elements, edges, groups, points, slits: self.slits, notes }
     }
 }

@@ -6,6 +6,9 @@ use std::collections::BTreeMap;
 /// Name of the outline of all parts.
 const OUTLINE: &str = "boundary";
 
+/// Area of a slit, relative to the areas that its sides make with the origin, up to rounding.
+const SLIT: f64 = 1e-12;
+
 impl Mesh {
     /// Names the outline of all parts `boundary`, and the rims of holes `hole_1`, `hole_2`, ...
     /// from left to right, by the means of their nodes.
@@ -14,8 +17,9 @@ impl Mesh {
         let mut outline = Vec::new();
         for rim in self.rims() {
             let twice_area: f64 = rim.iter().map(|&side| self.cross(side)).sum();
+            let size: f64 = rim.iter().map(|&side| self.cross(side).abs()).sum();
             // Cells lie to the left of a rim, so that it turns about a hole clockwise.
-            if twice_area > 0.0 {
+            if twice_area > SLIT * size {
                 outline.extend(rim);
             } else {
                 let sum = rim.iter().fold(Point::origin(), |sum, &[a, _]| sum + self.nodes[a].coords);

@@ -2,7 +2,7 @@
 
 use super::document::{Document, join};
 use super::entry::{self, Entry, Kind, flat, flat_if, section, table, via};
-use super::kinds::{count, name, of_text, positive, string, word};
+use super::kinds::{count, name, of_text, positive, string, truth, word};
 use crate::element::{CellShape, ElementByShape, ElementKind};
 use crate::error::Result;
 use crate::mesh::{Diagonal, Import, Mesh};
@@ -39,6 +39,9 @@ table! {
         /// shortest side of a cell. Without this key none are.
         merge: Option<f64> = positive("a distance", "m")
             .says("m, nodes nearer to each other become one").optional();
+        /// With `file`: `true` where the plate is slit, so that edges may lie on each other without
+        /// common nodes; by default that is an error.
+        slits: bool = truth().says("edges may lie on each other").or_silent(false);
         /// With `file`: number of disconnected parts of the mesh.
         parts: usize = count("a number of parts that nothing connects", 1)
             .says("that nothing connects").or_silent(1);
@@ -73,7 +76,8 @@ impl MeshFile {
     /// Returns the errors of [`Mesh::load`], and [`crate::Error::Mesh`] where the number of
     /// parts differs from the scene's.
     pub fn load(&self) -> Result<Mesh> {
-        let import = Import { scale: self.scale.unwrap_or(1.0), merge: self.merge.unwrap_or(0.0) };
+        let import =
+            Import { scale: self.scale.unwrap_or(1.0), merge: self.merge.unwrap_or(0.0), slits: self.slits };
         let mut mesh = Mesh::load(&self.path, import)?;
         if mesh.edges.is_empty() {
             mesh.name_rims();

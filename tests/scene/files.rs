@@ -78,6 +78,44 @@ fn nodes_beside_an_edge_that_is_not_theirs_are_refused() {
     assert_refused(&refusal(&text(&file, ", parts = 2", CLAMPED)), &["but is not one of its nodes"]);
 }
 
+/// Halves along a slit of no width move as each of them alone; an inner slit is a hole without area
+/// whose rim has both of its sides; and cells that overlap stay an error.
+#[test]
+fn slits_are_allowed_where_the_scene_says_so() {
+    let clamped = |edge: &str| format!("{{ edge = \"{edge}\", kind = \"clamped\" }}");
+    let both = format!("support = [{}, {}]\n", clamped("left"), clamped("right"));
+    let alone = Drawing::grid([3, 4], [0.3, 0.4], false, |x, y| [x, y]).write("half.msh");
+    let expected = inspect(&text(&alone, "", CLAMPED)).singular.lowest;
+    for rows in [4, 8] {
+        let file = halves(false, 0.0, 0.0, rows).write(&format!("slit_{rows}.msh"));
+        assert_refused(&refusal(&text(&file, "", &both)), &["mesh.slits = true"]);
+        let slit = inspect(&text(&file, ", slits = true, parts = 2", &both)).singular.lowest;
+        close("the coarser half", slit[if rows == 4 { 0 } else { 1 }], expected[0], 1e-9);
+    }
+    let overlapping = halves(false, -0.15, 0.02, 4).write("overlapping_slit.msh");
+    assert_refused(&refusal(&text(&overlapping, ", slits = true, parts = 2", &both)), &["but is not one of"]);
+
+    // The middle of the line x = 0.3 is slit from y = 0.1 to y = 0.3, where one node has a twin.
+    let mut drawing = Drawing::grid([6, 4], [0.6, 0.4], false, |x, y| [x, y]);
+    drawing.lines.clear();
+    let whole = drawing.write("unslit.msh");
+    let middle = 2 * 7 + 3;
+    let twin = drawing.nodes.len();
+    drawing.nodes.push(drawing.nodes[middle]);
+    for cell in [9, 15] {
+        drawing.cells[cell].iter_mut().filter(|node| **node == middle).for_each(|node| *node = twin);
+    }
+    let file = drawing.write("inner_slit.msh");
+    let held = format!("support = [{}]\n", clamped("boundary"));
+    let lowest = |file: &str| inspect(&text(file, ", slits = true", &held)).consistent.lowest[0];
+    let (slit, unslit) = (lowest(&file), lowest(&whole));
+    assert!(slit < 0.99 * unslit && slit > 0.5 * unslit, "{slit} Hz, {unslit} Hz without the slit");
+    let slit = scene(&text(&file, ", slits = true, refine = 1", &held));
+    let mesh = simulation::mesh(&slit).unwrap();
+    assert_eq!((mesh.edges["hole_1"].len(), mesh.edges["boundary"].len()), (8, 40));
+    assert!(slit.resolved().contains("slits") && read(&slit.resolved()).unwrap() == slit);
+}
+
 #[test]
 fn merging_takes_no_cell_apart() {
     let file = halves(false, 1e-9, 0.0, 4).write("merged_too_far.msh");
