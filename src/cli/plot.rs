@@ -1,6 +1,7 @@
 //! Command `rebond plot`.
 
 use super::command::{Execute, Program};
+use super::modes;
 use super::printing::print;
 use crate::error::Result;
 use crate::output::plot::{self, Figure};
@@ -28,7 +29,9 @@ impl Execute for Plot {
         let (figures, absent) = if self.folder.join(sweep::JSON).is_file() {
             (sweep::figures(&SweepReport::read(&self.folder)?), Vec::new())
         } else {
-            RunFolder::read(&self.folder)?.pictures()?
+            let run = RunFolder::read(&self.folder)?;
+            let modes = modes::of_run(&run);
+            run.pictures(modes.as_ref().map_or(&[], |modes| modes.frequencies.as_slice()))?
         };
         let mut report = Figure::write_all(&self.folder.join(plot::FOLDER), &figures)?;
         report.extend(absent.iter().map(|what| format!("{what}\n")));

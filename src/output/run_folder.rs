@@ -108,8 +108,8 @@ impl RunFolder {
         moments
     }
 
-    /// Draws all pictures.
-    pub fn pictures(&self) -> Result<RunPictures> {
+    /// Draws all pictures; spectra have natural frequencies (Hz), where these are known.
+    pub fn pictures(&self, natural: &[f64]) -> Result<RunPictures> {
         let RunFolder { folder, summary, table, contacts, opposite, .. } = self;
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
@@ -123,7 +123,9 @@ impl RunFolder {
             ("history", run::history(table, title, &self.obstacles())),
             ("energy", run::energy(table, title)),
         ];
-        figures.extend(forces::over_gap(table, scene, title, opposite).map(|figure| ("forces", figure)));
+        let touched = contacts.as_deref().unwrap_or_default();
+        figures
+            .extend(forces::forces(table, touched, scene, title, opposite).map(|figure| ("forces", figure)));
         let mut absent = Vec::new();
         match contacts {
             Some(contacts) if !contacts.is_empty() => {
@@ -134,11 +136,13 @@ impl RunFolder {
         }
         if table.deflections().next().is_some() {
             figures.push(("phase", run::phase(table, title, opposite)));
-            figures.push(("spectrum", run::spectrum(table, title)));
         } else {
-            absent.push(
-                "no phase portraits and spectra: the scene has no probes of deflections (output.probes)",
-            );
+            absent.push("no phase portraits: the scene has no probes of deflections (output.probes)");
+        }
+        if table.axes().is_empty() {
+            absent.push("no spectra: the scene has no probes (output.probes)");
+        } else {
+            figures.push(("spectrum", run::spectrum(table, title, natural)));
         }
         if snapshots.is_empty() {
             absent.push("no snapshots: the run wrote no fields (output.fields_every)");

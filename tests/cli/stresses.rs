@@ -39,6 +39,13 @@ fn envelope_snapshots_and_pictures() {
     }
     let history = std::fs::read_to_string(run.join("plots/history.svg")).unwrap();
     assert!(history.contains("deflection") && history.contains("stress"), "a panel per quantity");
+    let spectrum = std::fs::read_to_string(run.join("plots/spectrum.svg")).unwrap();
+    assert!(
+        spectrum.contains("amplitude (m)") && spectrum.contains("stress (Pa)"),
+        "any probe has a spectrum"
+    );
+    let forces = std::fs::read_to_string(run.join("plots/forces.svg")).unwrap();
+    assert!(forces.contains("gap (mm)") && forces.contains("time ("), "a compliant stop over time and gap");
     let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();
     let [x, y] = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
     assert!(picture.contains(&format!("largest at ({x}, {y}) m")), "the place of the largest stress");

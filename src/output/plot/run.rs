@@ -207,30 +207,57 @@ pub(super) fn panels(figure: Figure, panels: Vec<Panel>) -> Figure {
     panels.into_iter().fold(figure, Figure::panel)
 }
 
-/// Plots the amplitude of each probe's oscillations over frequency, with a Hann window.
-pub fn spectrum(table: &Table, title: &str) -> Figure {
+/// Plots the amplitude of each probe's oscillations over frequency, with a Hann window: a panel per
+/// quantity, and natural frequencies (Hz) as thin lines with the numbers of the modes.
+pub fn spectrum(table: &Table, title: &str, natural: &[f64]) -> Figure {
     let times = column(table, "time");
     let uniform = uniform(times);
-    let spectra: Vec<(&str, Vec<[f64; 2]>)> = table
-        .deflections()
-        .map(|(_, name, values)| (name, amplitudes(&times[..uniform], &values[..uniform])))
-        .collect();
-    let largest = spectra.iter().flat_map(|(_, points)| points).map(|p| p[1]).fold(0.0, f64::max);
-    let last = spectra.iter().filter_map(|(_, points)| points.last()).map(|p| p[0]).fold(0.0, f64::max);
-    let first = spectra.iter().filter_map(|(_, points)| points.first()).map(|p| p[0]).fold(last, f64::min);
-    let mut amplitude = Axis::log("amplitude", "m");
-    let mut frequency = Axis::log("frequency", "Hz").tight();
-    if largest > 0.0 && first > 0.0 {
-        // Smaller amplitudes are due to rounding or to the window.
-        amplitude = amplitude.within(1e-7 * largest, 2.0 * largest);
-        frequency = frequency.within(first, last);
+    let panel = |axis: (&'static str, &'static str)| {
+        let spectra: Vec<(&str, Vec<[f64; 2]>)> = table
+            .probes_of(axis)
+            .map(|(_, name, values)| (name, amplitudes(&times[..uniform], &values[..uniform])))
+            .collect();
+        let points = || spectra.iter().flat_map(|(_, points)| points);
+        let largest = points().map(|p| p[1]).fold(0.0, f64::max);
+        let [first, last] = range(points().map(|p| p[0]));
+        let quantity = if axis == ProbeQuantity::Deflection.axis() { "amplitude" } else { axis.0 };
+        let mut amplitude = Axis::log(quantity, axis.1);
+        let mut frequency = Axis::log("frequency", "Hz").tight();
+        if largest > 0.0 && first > 0.0 {
+            // Smaller amplitudes are due to rounding or to the window.
+            amplitude = amplitude.within(1e-7 * largest, 2.0 * largest);
+            frequency = frequency.within(first, last);
+        }
+        let curves = spectra
+            .into_iter()
+            .enumerate()
+            .map(|(i, (name, points))| Curve::new(name, points).style(i).width(0.6));
+        let panel = Panel::new(frequency, amplitude).height(110.0).curves(curves);
+        let within = natural_lines(natural).into_iter().filter(|(line, _)| (first..=last).contains(line));
+        within.fold(panel, |panel, (line, remark)| panel.rule_at_x(line, remark))
+    };
+    table.axes().into_iter().map(panel).fold(Figure::new(title), Figure::panel)
+}
+
+/// Ratio of frequencies below which the numbers of modes stand together.
+const APART: f64 = 1.3;
+
+/// Returns natural frequencies (Hz, ascending) with the numbers of their modes, where those of
+/// close ones are beside the first.
+fn natural_lines(natural: &[f64]) -> Vec<(f64, String)> {
+    let mut lines: Vec<(f64, String)> = Vec::new();
+    let mut labelled = 0;
+    for (number, &frequency) in natural.iter().enumerate().filter(|(_, frequency)| **frequency > 0.0) {
+        let mut remark = (number + 1).to_string();
+        match lines.get_mut(labelled) {
+            Some((first, remarks)) if frequency < APART * *first => {
+                *remarks += &format!(",{}", std::mem::take(&mut remark));
+            }
+            _ => labelled = lines.len(),
+        }
+        lines.push((frequency, remark));
     }
-    let curves = spectra
-        .into_iter()
-        .enumerate()
-        .map(|(i, (name, points))| Curve::new(name, points).style(i).width(0.6));
-    let panel = Panel::new(frequency, amplitude).height(110.0).curves(curves);
-    Figure::new(title).panel(panel)
+    lines
 }
 
 /// Returns how many of the first times are equally spaced; the last row of a run may come early.
@@ -267,7 +294,7 @@ fn column<'t>(table: &'t Table, name: &str) -> &'t [f64] {
 }
 
 /// Creates the axis of all times.
-fn time(table: &Table) -> Axis {
+pub(super) fn time(table: &Table) -> Axis {
     let times = column(table, "time");
     Axis::linear("time", "s").with(times.first().into_iter().chain(times.last()).copied()).tight()
 }
@@ -299,4 +326,16 @@ fn is_any(table: &Table, name: &str) -> bool {
 fn heat(share: f64) -> Color {
     let stops = [Color(254, 224, 182), Color(230, 130, 60), Color(160, 40, 40), Color(40, 5, 30)];
     blend(&stops, share)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::natural_lines;
+
+    #[test]
+    fn numbers_of_close_modes_stand_together() {
+        let lines = natural_lines(&[0.0, 10.0, 12.0, 20.0]);
+        let expected = [(10.0, "2,3"), (12.0, ""), (20.0, "4")];
+        assert_eq!(lines, expected.map(|(frequency, remark)| (frequency, remark.to_owned())));
+    }
 }

@@ -51,7 +51,7 @@ type Modes = (Figure, Vec<f64>);
 /// compressed or the scene has no form in TOML.
 pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Modes>) -> Result<String> {
     let RunFolder { folder, summary, table, .. } = run;
-    let (figures, _) = run.pictures()?;
+    let (figures, _) = run.pictures(modes.map_or(&[], |(_, frequencies)| frequencies.as_slice()))?;
     let figures: Vec<(String, String)> =
         figures.into_iter().map(|(name, figure)| (name.to_owned(), figure.svg())).collect();
     let heights: Vec<f64> = run.obstacles().into_iter().map(Obstacle::height).collect();
