@@ -142,7 +142,7 @@ fn what_makes_no_sound_is_refused_in_one_line() {
     let probe = |name: &str, words: &[&str]| {
         fails(&["runs/fall", "--out", "a.wav", "--probe", name], 2, words);
     };
-    probe("midle", &["midle", "did you mean middle?", "speed, tilt"]);
+    probe("middl", &["middl", "did you mean middle?", "speed, tilt"]);
     probe("tilt", &["tilt", "slope_x", "middle, speed"]);
     fails(&["runs/fall", "--probe", "middle", "--out", "history.csv"], 2, &["history.csv", ".wav"]);
     fails(
