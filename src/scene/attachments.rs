@@ -1,5 +1,5 @@
-//! Attachments of the plate: foundations, springs, masses and balls, objects beside the plate that
-//! bear, hold, load or hit it.
+//! Attachments of the plate: foundations, springs, dashpots, masses and balls, objects beside the
+//! plate that bear, hold, load or hit it.
 //!
 //! This file has the keys of all attachments and the names of their effects. The matrices are in
 //! `simulation::effects::registry`.
@@ -22,6 +22,8 @@ table! {
         foundations: Vec<Foundation> = tables("foundation", "stiffness");
         /// Springs between the plate and the ground.
         springs: Vec<Spring> = tables("spring", "at and stiffness");
+        /// Dashpots between the plate and the ground.
+        dashpots: Vec<Dashpot> = tables("dashpot", "at and damping");
         /// Masses fixed on the plate.
         masses: Vec<PointMass> = tables("mass", "at and mass");
         /// Beams along lines and edges of the plate.
@@ -52,6 +54,19 @@ table! {
         point: Option<String> = place();
         /// Stiffness of the spring between the plate and the ground; greater than 0.
         stiffness: f64 = positive("a stiffness", "N/m");
+    }
+}
+
+table! {
+    /// Dashpot to the ground, whose force is opposite and proportional to the velocity.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Dashpot {
+        /// Coordinates in m.
+        at: [f64; 2],
+        /// Physical point that names the place, if the scene uses one.
+        point: Option<String> = place();
+        /// Force per velocity of the plate over the ground; greater than 0.
+        damping: f64 = positive("a damping", "N s/m");
     }
 }
 
@@ -116,10 +131,11 @@ table! {
 
 impl Attachments {
     /// Returns each effect of attachments, and whether the scene has it.
-    pub(super) fn effects(&self) -> [(bool, &'static str); 5] {
+    pub(super) fn effects(&self) -> [(bool, &'static str); 6] {
         [
             (!self.foundations.is_empty(), "elastic foundation"),
             (!self.springs.is_empty(), "springs"),
+            (!self.dashpots.is_empty(), "dashpots"),
             (!self.masses.is_empty(), "added masses"),
             (!self.ribs.is_empty(), "ribs"),
             (!self.balls.is_empty(), "balls"),

@@ -45,7 +45,7 @@ table! {
         obstacles: Vec<Obstacle> = tables("obstacle", "side and height");
         /// Loads: pressure, gravity and point forces; `None` costs nothing.
         load: Option<Load> = if_given();
-        /// Foundations, springs, masses, ribs and balls.
+        /// Foundations, springs, dashpots, masses, ribs and balls.
         attachments: Attachments = flat();
         /// Dry friction at nodes.
         sliders: Vec<Slider> = tables("slider", "at and force");

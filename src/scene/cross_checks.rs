@@ -223,6 +223,13 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         return refuse(&key, what, "time.scheme = \"conserving\" or \"newmark\"");
     }
     let is_modal = scene.time.mass == Mass::Modal;
+    if !scene.attachments.dashpots.is_empty() && (is_modal || !able.takes_stop_damping[0]) {
+        let [key, given, others] = match is_modal {
+            true => ["time.mass", "modal", "\"singular\" or \"consistent\""],
+            false => ["time.scheme", able.name, "\"newmark\" or \"midpoint\""],
+        };
+        return Err(doc.fault(key, format!("\"{given}\" takes no [[dashpot]]; expected {others}")));
+    }
     if let Some(key) = scene.stop_damping()
         && !able.takes_stop_damping[usize::from(is_modal)]
     {

@@ -67,9 +67,7 @@ impl Scene {
         let is_damped = |damping: &super::Damping| {
             damping.mass != 0.0 || damping.stiffness != 0.0 || !damping.modal.is_none()
         };
-        self.damping.as_ref().is_some_and(is_damped)
-            || self.stop_damping().is_some()
-            || !self.sliders.is_empty()
+        self.damping.as_ref().is_some_and(is_damped) || self.dashpot().is_some() || !self.sliders.is_empty()
     }
 
     /// Returns whether a ball touches the plate without a stiffness of its own.
@@ -91,6 +89,12 @@ impl Scene {
     pub fn yielding_stop(&self) -> Option<(String, StopLaw)> {
         let (table, stop) = self.compliances().find(|(_, stop)| !stop.has_tip())?;
         Some((format!("{table}.law"), stop.law))
+    }
+
+    /// Returns the key of a dashpot, to the ground or of a compliant stop, if any.
+    pub fn dashpot(&self) -> Option<String> {
+        let to_ground = !self.attachments.dashpots.is_empty();
+        to_ground.then(|| "dashpot.0.damping".into()).or_else(|| self.stop_damping())
     }
 
     /// Returns the key of a compliant stop with damping, if any.

@@ -60,7 +60,7 @@ pub use crate::mesh::Diagonal;
 pub use crate::plate::Plate;
 pub use crate::scheme::{Massless, SchemeName, SchemeSpec};
 pub use crate::vi::ContactSolver;
-pub use attachments::{Attachments, Ball, Foundation, PointMass, Rib, RibPath, Spring};
+pub use attachments::{Attachments, Ball, Dashpot, Foundation, PointMass, Rib, RibPath, Spring};
 pub use column::{ColumnNumber, FORCE_COLUMNS, HISTORY_COLUMNS, HistoryRow};
 pub use contents::{Scene, schema, unit};
 pub use damping::{Damping, ModalRatios};
@@ -68,7 +68,7 @@ use document::Document;
 use entry::{SceneText, Table};
 pub use given::{FieldInput, MeasuredTable, Region, Still};
 pub use initial::{Initial, StartFrom};
-pub use loads::{Force, Load};
+pub use loads::{Force, Load, Moment};
 pub use mesh::{Grid, MeshFile};
 pub use obstacles::{Compliance, Obstacle, SourcePosition};
 pub use output::{Output, Probe, Snapshots};
@@ -82,7 +82,7 @@ pub use study::Study;
 pub use supports::{ElasticEdge, Support, SupportLocation};
 pub use sweep::{SweepSpec, SweptKey};
 pub use time::Time;
-pub use words::{EngineName, Horizon, LinearSolver, Mass, Side, SweepOrder};
+pub use words::{EngineName, Horizon, LinearSolver, Mass, RotationAxis, Side, SweepOrder};
 
 impl Serialize for Scene {
     /// Serialises the table of [`Scene::resolved`].

@@ -223,14 +223,14 @@ fn massless(doc: &Document, method: &Method) -> Result<Massless> {
         let number = doc.entries(table, "").unwrap_or(0);
         (0..number).any(|index| is_positive(&format!("{table}.{index}.damping")))
     };
-    let has_dashpots = has_dashpot("obstacle") || has_dashpot("ball");
+    let has_dashpots = ["obstacle", "ball", "dashpot"].into_iter().any(has_dashpot);
     let is_damped = has_dashpots || is_positive("damping.stiffness");
     let usual = if is_damped { Massless::Reflected } else { method.mass.massless() };
     let massless = method.massless.unwrap_or(usual);
     if (usual, massless) == (Massless::Reflected, Massless::Equilibrium) {
         let why = match method.mass {
             Mass::Consistent => "time.mass = \"consistent\", which leaves nothing massless",
-            _ if has_dashpots => "the damping of a stop, under which the massless part is in no equilibrium",
+            _ if has_dashpots => "a dashpot, under which the massless part is in no equilibrium",
             _ => "damping.stiffness, under which the massless part is in no equilibrium",
         };
         let wrong = format!("\"equilibrium\" contradicts {why}; expected \"reflected\"");

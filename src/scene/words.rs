@@ -58,6 +58,14 @@ words! {
         Above = "above",
     }
 
+    /// Axis of the plane of the plate.
+    pub enum RotationAxis {
+        /// Axis along x.
+        X = "x",
+        /// Axis along y.
+        Y = "y",
+    }
+
     /// Mass matrix.
     pub enum Mass {
         /// Singular mass, from velocities that are constant on each cell.

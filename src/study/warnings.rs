@@ -148,9 +148,12 @@ fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
         (energy_step_for(scene, frequencies).filter(is_longer), frequencies.highest)
     {
         let (limit, highest) = (significant(limit), significant(highest));
+        // A scene with dashpots or friction may have no such choice.
+        let remedy =
+            if scene.dissipates() { "" } else { "; time.scheme = \"conserving\" keeps it at any step" };
         warnings.push(format!(
             "time.step = {written} s is too long for \"{}\" to keep the energy at impacts to 1 %, which takes {limit} s, because \
-             the fastest mode has {highest} Hz; time.scheme = \"conserving\" keeps it at any step",
+             the fastest mode has {highest} Hz{remedy}",
             scheme.name(),
         ));
     }

@@ -126,6 +126,36 @@ fn point_forces() {
     close("reciprocity", deflection(a, b), deflection(b, a), 1e-11);
 }
 
+/// A moment bends a strip by M L^2 / 2 EI, downwards about y; what it does to a deflection, a force
+/// there does to its rotation (Betti).
+#[test]
+fn a_moment_at_a_point() {
+    let deflection = |plate: &str, mesh: &str, load: &str, probe: &str| {
+        let text = format!(
+            "{plate}{mesh}support = [{{ edge = \"left\", kind = \"clamped\" }}]\ninitial.equilibrium = true\n{STILL}\
+             load.{load}\noutput.probes = [{{ name = \"there\", {probe} }}]\n"
+        );
+        run(&text)[0].probes[0]
+    };
+    let strip = "plate = { length = 1, width = 0.02, thickness = 0.01, youngs_modulus = 1.2e9, poissons_ratio = 0, density = 1 }\n";
+    for element in ["fvs", "hct"] {
+        let tip = |load: &str| deflection(strip, &grid(element, 50, 2), load, "at = [1, 0.01]");
+        let bent = tip("moment = [{ at = [1, 0.01], about = \"y\", value = 0.3 }]");
+        close("M L^2 / 2 EI", bent, -0.3 / (2.0 * 1.2e9 * 0.02 * 1e-6 / 12.0), 2e-3);
+        // About x it only twists the strip.
+        assert!(tip("moment = [{ at = [1, 0.01], about = \"x\", value = 0.3 }]").abs() <= 1e-3 * bent.abs());
+    }
+    let (a, b) = ("at = [0.33, 0.71]", "at = [0.9, 0.12]");
+    for (about, slope, sign) in [("x", "slope_y", 1.0), ("y", "slope_x", -1.0)] {
+        let moment = format!("moment = [{{ {a}, about = \"{about}\", value = 2 }}]");
+        let turned = format!("{a}, quantity = \"{slope}\"");
+        let mesh = grid("hct", 5, 4);
+        let deflected = deflection(UNIT, &mesh, &moment, b);
+        let rotation = sign * deflection(UNIT, &mesh, &format!("force = [{{ {b}, value = 2 }}]"), &turned);
+        close(about, deflected, rotation, 1e-11);
+    }
+}
+
 /// Returns a run of a clamped plate under a load, with its deflections at two points.
 fn loaded(load: &str) -> Vec<scenes::Instant> {
     run(&format!(

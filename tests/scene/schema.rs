@@ -157,9 +157,10 @@ parameters = { a = 1.0 }
 mesh = { element = "hct", cells = [4, 2] }
 part = [{ where = "x > 0.9", thickness = 0.02 }]
 obstacle = [{ side = "below", height = -0.1, at = [1.2, 0.0] }]
-load = { pressure = 0.0, force = [{ at = [1.2, 0.0], value = 1.0 }] }
+load = { pressure = 0.0, force = [{ at = [1.2, 0.0], value = 1.0 }], moment = [{ at = [1.2, 0.0], about = "y", value = 1.0 }] }
 foundation = [{ stiffness = 1.0 }]
 spring = [{ at = [1.2, 0.0], stiffness = 1.0 }]
+dashpot = [{ at = [1.2, 0.0], damping = 1.0 }]
 mass = [{ at = [1.2, 0.0], mass = 1.0 }]
 rib = [{ edge = "top", bending = 1.0 }]
 ball = [{ at = [0.6, 0.2], mass = 1.0, height = 0.1 }]

@@ -101,7 +101,7 @@ fn bad_values_are_refused_by_name() {
         (
             &damped,
             "scheme = \"midpoint\", mass = \"singular\", massless = \"equilibrium\"",
-            "time.massless: \"equilibrium\" contradicts the damping of a stop",
+            "time.massless: \"equilibrium\" contradicts a dashpot",
         ),
         (
             &plain,

@@ -3,6 +3,7 @@
 
 use crate::common::block;
 use crate::common::models::PAPER_START;
+use crate::common::scenes::{refusal, run};
 use rebond::linalg::{CellClass, Engine, Native, SingularMassCell};
 use rebond::modes::{self, Mode};
 use rebond::obstacle::Bounds;
@@ -432,4 +433,65 @@ fn what_a_scheme_cannot_do_is_refused_with_what_can() {
     model.system.drive.load = Some(Box::new(|_, _| Ok(())));
     let refused = Exact::new(&model.system, 1e-3, model.start.clone());
     refusal(refused.map(drop).unwrap_err(), &["do not change with time", "conserving", "newmark"]);
+}
+
+/// A stiff plate on equal springs and dashpots at its corners moves as one damped mass:
+/// x = x0 e^{-d t} (cos w t + d / w sin w t).
+#[test]
+fn a_plate_on_dashpots_is_a_damped_mass() {
+    const MASS: f64 = 6.24;
+    let (stiffness, damping): (f64, f64) = (2.5e4, 60.0);
+    let corners = |key: &str, value: f64| {
+        let ends = [[0.0, 0.0], [0.2, 0.0], [0.0, 0.2], [0.2, 0.2]];
+        let entries = ends.map(|[x, y]| format!("{{ at = [{x}, {y}], {key} = {value} }}"));
+        format!("[{}]", entries.join(", "))
+    };
+    let (springs, dashpots) = (corners("stiffness", stiffness), corners("damping", damping));
+    let d = 2.0 * damping / MASS;
+    let w = (4.0 * stiffness / MASS - d * d).sqrt();
+    for (element, time, step) in [
+        ("fvs", "scheme = \"newmark\", mass = \"consistent\", beta = 0.25", 1e-4),
+        ("hct", "scheme = \"newmark\", mass = \"singular\", beta = 0.25", 1e-4),
+        ("fvs", "scheme = \"midpoint\", mass = \"singular\"", 1e-4),
+        ("hct", "scheme = \"midpoint\", mass = \"consistent\"", 1e-4),
+    ] {
+        let error = |step: f64| {
+            let text = format!(
+                "plate = {{ length = 0.2, width = 0.2, thickness = 0.02, youngs_modulus = 210e12, \
+                 poissons_ratio = 0.3, density = 7800 }}\nmesh = {{ element = \"{element}\", cells = [2, 2] }}\n\
+                 spring = {springs}\ndashpot = {dashpots}\ninitial = {{ deflection = 1e-3 }}\n\
+                 time = {{ {time}, step = {step:e}, end = 0.1 }}\n\
+                 output = {{ every = 1, probes = [{{ name = \"w\", at = [0.1, 0.1] }}] }}\n"
+            );
+            let moved = |t: f64| 1e-3 * (-d * t).exp() * ((w * t).cos() + d / w * (w * t).sin());
+            let rows = run(&text);
+            rows.iter().map(|row| (row.probes[0] - moved(row.time)).abs()).fold(0.0, f64::max) / 1e-3
+        };
+        let errors = [step, 0.5 * step].map(error);
+        let order = (errors[0] / errors[1]).log2();
+        println!("{element}, {time}: {errors:?}, order {order}");
+        assert!(errors[1] <= 2e-3 && (order - 2.0).abs() <= 0.2, "{element}, {time}: {errors:?}");
+    }
+}
+
+/// Schemes and masses that follow modes, or parts of the plate in equilibrium, refuse dashpots.
+#[test]
+fn dashpots_are_refused_by_name() {
+    for (time, words) in [
+        (
+            "scheme = \"conserving\", mass = \"modal\", modes = 20",
+            "time.mass: \"modal\" takes no [[dashpot]]",
+        ),
+        ("scheme = \"conserving\", mass = \"singular\"", "time.scheme: \"conserving\" takes no [[dashpot]]"),
+        ("scheme = \"exact\", mass = \"singular\"", "time.scheme: \"exact\" takes no [[dashpot]]"),
+        (
+            "scheme = \"midpoint\", mass = \"singular\", massless = \"equilibrium\"",
+            "time.massless: \"equilibrium\" contradicts a dashpot",
+        ),
+    ] {
+        let mesh =
+            "mesh = { element = \"fvs\", cells = [10, 4] }\ndashpot = [{ at = [1.2, 0], damping = 5 }]\n";
+        let error = refusal(&format!("{PAPER_START}{mesh}time = {{ {time}, step = 1e-4, end = 0.1 }}\n"));
+        assert!(error.to_string().contains(words), "{error}");
+    }
 }

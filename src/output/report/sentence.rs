@@ -16,10 +16,11 @@ const MATERIALS: [(&str, [f64; 2], [f64; 2]); 8] = [
 ];
 
 /// Tables of parts that a sentence counts, with their names for one and for several.
-const COUNTED: [(&str, &str, &str); 6] = [
+const COUNTED: [(&str, &str, &str); 7] = [
     ("part", "another part", "other parts"),
     ("rib", "a rib", "ribs"),
     ("spring", "a spring", "springs"),
+    ("dashpot", "a dashpot", "dashpots"),
     ("foundation", "a foundation", "foundations"),
     ("mass", "an added mass", "added masses"),
     ("slider", "a slider", "sliders"),

@@ -23,6 +23,8 @@ pub(in crate::simulation) struct Contributions {
     pub stiffness: Vec<CellStiffness>,
     /// Springs at points in K, in N/m.
     pub springs: Vec<PointTerm>,
+    /// Dashpots at points in C, in N s/m.
+    pub dashpots: Vec<PointTerm>,
     /// Springs and dashpots between two dofs, in K and C.
     pub links: Vec<Link>,
     /// Cell, point and mass (kg) of the masses that cells carry, in M.
@@ -57,7 +59,7 @@ pub(in crate::simulation) struct PointEvaluation {
     pub of_shape: Probe,
 }
 
-/// Spring (N/m) or mass (kg) at a point of the plate.
+/// Spring (N/m), dashpot (N s/m) or mass (kg) at a point of the plate.
 #[derive(Clone)]
 pub(in crate::simulation) struct PointTerm {
     pub amount: f64,
@@ -105,7 +107,8 @@ pub(in crate::simulation) enum LoadLaw {
     Weight(FieldInput),
     /// Pressure, in Pa.
     Pressure(FieldInput),
-    /// Force in N, and the deflection under it on the one process that evaluates the point.
+    /// Force in N and the deflection under it, or moment in N m and the rotation there, on the one
+    /// process that evaluates the point.
     Force(FieldInput, Option<Probe>),
 }
 
@@ -148,11 +151,16 @@ impl Contributions {
         comm.all_reduce_any(damped.clone().next().is_some()).then_some(damped)
     }
 
-    /// Returns the damping of the links less the Rayleigh damping of their springs, with the
-    /// coefficient `beta` in s; `None` where both are zero. Collective.
+    /// Returns the dashpots, and the damping of the links less the Rayleigh damping of their
+    /// springs with the coefficient `beta` in s; `None` where all are zero. Collective.
     pub fn dashpots(&self, beta: f64, comm: &impl Communicator) -> Option<Vec<ElementMatrix>> {
         let is_damped = |link: &Link| link.damping > 0.0 || beta > 0.0;
-        comm.all_reduce_any(self.links.iter().any(is_damped))
-            .then(|| self.linked(|link| link.damping - beta * link.stiffness, 0).collect())
+        let is_any = !self.dashpots.is_empty() || self.links.iter().any(is_damped);
+        comm.all_reduce_any(is_any).then(|| {
+            let links = self.linked(|link| link.damping - beta * link.stiffness, 0);
+            let points = self.dashpots.iter().enumerate();
+            let points = points.map(|(k, term)| term.spot.free.spring(term.amount, self.links.len() + k));
+            links.chain(points).collect()
+        })
     }
 }

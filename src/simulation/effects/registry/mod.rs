@@ -1,6 +1,7 @@
 //! Registry of the effects, and the build context with the contributions of all of them.
 
 mod balls;
+mod dashpots;
 mod elastic_edges;
 mod foundations;
 mod loads;
@@ -34,6 +35,7 @@ fn effects<P: Partition>() -> Vec<Effect<P>> {
         elastic_edges::add,
         ribs::add,
         springs::add,
+        dashpots::add,
         masses::add,
         stop_springs::add,
         balls::add,
