@@ -4,7 +4,7 @@ use super::damping::ModalRatios;
 use super::document::{Document, quote};
 use super::{
     ContactSolver, EngineName, FORCE_COLUMNS, Initial, LinearSolver, Mass, Massless, Obstacle, Probe,
-    ProbeQuantity, Region, Scene, SchemeSpec, Side, StartFrom, Support, SupportLocation,
+    ProbeQuantity, Region, Scene, SchemeSpec, Side, StartFrom, Support, SupportLocation, ordinal,
 };
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
@@ -29,7 +29,8 @@ fn check_edges(doc: &Document, scene: &Scene) -> Result<()> {
         if let SupportLocation::Edge { part: None, .. } = support.stand
             && let Some(first) = scene.supports[..index].iter().position(same)
         {
-            let wrong = format!("support.{first} already holds this edge; expected each edge once");
+            let holder = ordinal("support", first, scene.supports[first].name.as_deref());
+            let wrong = format!("{holder} already holds this edge; expected each edge once");
             return Err(doc.fault(&format!("support.{index}.edge"), wrong));
         }
     }
@@ -44,7 +45,8 @@ fn check_room(doc: &Document, scene: &Scene) -> Result<()> {
         let key = |name: &str| format!("obstacle.{index}.{name}");
         for (earlier, other) in planes.clone().take_while(|(earlier, _)| *earlier < index) {
             if other.side == plane.side {
-                let wrong = format!("obstacle.{earlier} already lies on this side of the whole plate");
+                let other = ordinal("obstacle", earlier, other.name.as_deref());
+                let wrong = format!("{other} already lies on this side of the whole plate");
                 let expected =
                     "expected where, group, at, point or line, for an obstacle opposite to a part of it";
                 return Err(doc.fault(&key("side"), format!("{wrong}; {expected}")));

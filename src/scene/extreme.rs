@@ -11,6 +11,11 @@ impl Scene {
     /// Adds the number of the scene that is farthest from 1, if one is far, to an error of its
     /// model that names no key. Rounding and overflow are then the cause.
     pub(crate) fn explain(&self, error: Error) -> Error {
+        let error = match error {
+            Error::Scene(words) => Error::Scene(self.with_ordinal(words)),
+            Error::Mesh(words) => Error::Mesh(self.with_ordinal(words)),
+            other => other,
+        };
         let resolved = serde_json::to_value(self).unwrap_or_default();
         let Some((key, number)) = farthest(&resolved, "") else { return error };
         let more = |words: String| {

@@ -64,7 +64,7 @@ pub(super) fn judged(
         warnings.extend(of_inf_sup(scene, model));
         warnings.extend(linearity::warning(scene, model));
     }
-    warnings
+    warnings.into_iter().map(|warning| scene.with_ordinal(warning)).collect()
 }
 
 /// Range of Young's moduli (Pa), from rubber to diamond, and of densities (kg/m3), from foam to

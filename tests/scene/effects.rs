@@ -572,6 +572,10 @@ fn errors_name_the_key() {
         assert_eq!(error.exit_code(), 2, "{error}");
         assert!(error.to_string().starts_with(words), "{error}\nexpected {words}");
     }
+    // Entries of several, or with a name, are also counted from 1.
+    let second = "support = [{ edge = \"left\", kind = \"clamped\" }, { name = \"bolt\", at = [1.3, 0.3], kind = \"clamped\" }]";
+    let said = refusal(&format!("{plate}{second}\n")).to_string();
+    assert!(said.starts_with("support.1.at: ") && said.ends_with("; this is support 2 (\"bolt\")"), "{said}");
     let taper = plate.replace("thickness = 1", "thickness = \"0.5 - x\"");
     assert!(refusal(&taper).to_string().starts_with("plate.thickness: "));
     // Nothing can move where all dofs are held.

@@ -137,5 +137,5 @@ fn sliders_are_read_written_and_refused() {
     }
     let floor = "obstacle = [{ side = \"below\", height = -1, at = [1, 1] }]\n";
     let error = refusal(&[floor, &slider("")].concat()).to_string();
-    assert!(error.contains("slider.0.at: obstacle.0 faces its node"), "{error}");
+    assert!(error.contains("slider.0.at: obstacle 1 faces its node"), "{error}");
 }

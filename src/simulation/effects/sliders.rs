@@ -4,7 +4,7 @@ use super::ground::BuildContext;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::partition::Partition;
-use crate::scene::Region;
+use crate::scene::{Region, ordinal};
 use crate::scheme;
 use crate::simulation::DeflectionDof;
 use crate::simulation::regions::nodes_in;
@@ -38,11 +38,13 @@ pub(super) fn find<P: Partition>(
         let wrong = if !is_free {
             Err("a support holds its node; expected another place".to_owned())
         } else if let Some(obstacle) = obstacle {
-            Err(format!(
-                "obstacle.{obstacle} faces its node; expected another place, or `where` beside the obstacle"
-            ))
+            let name = ground.scene.obstacles.get(obstacle).and_then(|obstacle| obstacle.name.as_deref());
+            let obstacle = ordinal("obstacle", obstacle, name);
+            Err(format!("{obstacle} faces its node; expected another place, or `where` beside the obstacle"))
         } else if let Some(other) = other {
-            Err(format!("slider.{} is at its node; expected a node to itself", other.number))
+            let name = ground.scene.sliders[other.number].name.as_deref();
+            let other = ordinal("slider", other.number, name);
+            Err(format!("{other} is at its node; expected a node to itself"))
         } else {
             Ok(())
         };
