@@ -43,12 +43,21 @@ enum Template {
     Ball,
     /// A plate on a fine mesh, by its lowest modes, falls on two rails
     Modal,
+    /// A strip on a shaker table, by its measured acceleration, strikes a stop
+    Measured,
+    /// A round plate, clamped at its rim, drums on a stop
+    Disc,
+    /// A plate without obstacles rings at its natural frequencies
+    Free,
 }
 
-/// Returns a file of `scenes/new`, which the program includes.
+/// Returns a file of a folder of `scenes`, by default `new`, which the program includes.
 macro_rules! included {
     ($name:literal) => {
-        ($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/new/", $name)))
+        included!("new", $name)
+    };
+    ($folder:literal, $name:literal) => {
+        ($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/", $folder, "/", $name)))
     };
 }
 
@@ -64,6 +73,11 @@ impl Template {
             Template::Stop => vec![included!("stop.toml")],
             Template::Ball => vec![included!("ball.toml")],
             Template::Modal => vec![included!("modal.toml")],
+            Template::Measured => vec![included!("measured.toml"), included!("measured.csv")],
+            Template::Disc => {
+                vec![included!("disc.toml"), included!("disc.geo"), included!("gallery", "disc.msh")]
+            }
+            Template::Free => vec![included!("free.toml")],
         }
     }
 }

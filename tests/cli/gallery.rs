@@ -13,20 +13,20 @@ const GALLERY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/gallery");
 const G: f64 = 9.81;
 
 /// Output of a run.
-struct Run {
+pub struct Run {
     summary: Value,
     names: Vec<String>,
     rows: Vec<Vec<f64>>,
 }
 
 impl Run {
-    fn read(folder: &Path) -> Run {
+    pub fn read(folder: &Path) -> Run {
         let text = std::fs::read_to_string(folder.join("history.csv")).unwrap();
         let names = text.lines().next().unwrap().split(',').map(str::to_owned).collect();
         Run { summary: command::summary(folder), names, rows: command::history(folder) }
     }
 
-    fn column(&self, name: &str) -> Vec<f64> {
+    pub fn column(&self, name: &str) -> Vec<f64> {
         let index = self.names.iter().position(|other| other == name).unwrap();
         self.rows.iter().map(|row| row[index]).collect()
     }
@@ -37,7 +37,7 @@ impl Run {
     }
 
     /// Returns the value at an instant that has a row.
-    fn at(&self, time: f64, name: &str) -> f64 {
+    pub fn at(&self, time: f64, name: &str) -> f64 {
         let near = |(t, value): (f64, f64)| ((t - time).abs() < 1e-9).then_some(value);
         self.curve(name).into_iter().find_map(near).unwrap()
     }
@@ -75,7 +75,7 @@ fn run_in_folder(name: &str, settings: &[&str]) -> PathBuf {
 }
 
 #[track_caller]
-fn assert_near(value: f64, expected: f64, part: f64) {
+pub fn assert_near(value: f64, expected: f64, part: f64) {
     assert!((value / expected - 1.0).abs() <= part, "{value} is not {expected} to {part}");
 }
 
