@@ -295,6 +295,8 @@ fn the_command_writes_a_table_two_files_and_pictures() {
     let json: serde_json::Value =
         serde_json::from_slice(&fs::read(folder.join("out/study.json")).unwrap()).unwrap();
     assert_eq!(json["complete"], true);
+    let advice = json["advice"].as_str().unwrap();
+    assert!(advice.starts_with("take fvs ") && report.contains(&format!("\n\n{advice}\n")), "{advice}");
     let (runs, failures) = (json["runs"].as_array().unwrap(), json["failures"].as_array().unwrap());
     assert_eq!(runs.len() + failures.len(), 3 * 3 * 2, "{failures:?}");
     assert!(
@@ -394,6 +396,50 @@ fn the_exact_scheme_leads_the_front() {
     let heads = accuracy.csv().lines().next().map(str::to_owned).unwrap();
     let on_front = heads.split(',').position(|head| head == "on_front").unwrap();
     assert!(row.is_some_and(|row| row.split(',').nth(on_front) == Some("true")), "{}", accuracy.csv());
+}
+
+/// The errors and seconds of each case are invented, so that the best choice is plain.
+#[test]
+fn the_advice_is_the_cheapest_run_whose_step_is_short_enough() {
+    let mut accuracy = study(FALL);
+    accuracy.runs.retain(|run| run.case.method.scheme.name().to_string() == "conserving");
+    let advice = |space: f64| {
+        let mut accuracy = accuracy.clone();
+        for run in &mut accuracy.runs {
+            // The error in time is of first order.
+            (run.time_error, run.space_error) = (Some(100.0 * run.case.step), Some(space));
+            (run.set_up_seconds, run.stepping_seconds) = (0.0, 1e-6 / run.case.step);
+        }
+        accuracy.advice().unwrap()
+    };
+    let take = |step: &str, ms: f64, error: &str, part: &str| {
+        format!(
+            "take fvs 4x2, conserving singular, {step} s: {ms} ms of computing, error {error} over the whole \
+             run, mostly by the {part}"
+        )
+    };
+    assert_eq!(advice(0.2), take("1e-3", 1.0, "3.0e-1", "mesh"));
+    assert_eq!(advice(0.05), take("1e-4", 10.0, "6.0e-2", "mesh"));
+    assert_eq!(advice(1e-3), take("1e-4", 10.0, "1.1e-2", "step"));
+
+    // Modal mass without limits: with ten modes the error is a tenth, with a shorter step the same.
+    let few = &mut accuracy.runs[0];
+    (few.case.method.mass, few.case.method.modes) = (Mass::Modal, Some(5));
+    (few.time_error, few.space_error, few.whole_error) = (None, None, 0.1);
+    let mut short = few.clone();
+    short.case.step = 1e-4;
+    let mut many = few.clone();
+    (many.case.method.modes, many.whole_error) = (Some(10), 0.01);
+    accuracy.runs = vec![accuracy.runs[0].clone(), short];
+    assert!(accuracy.advice().unwrap().ends_with("error 1.0e-1 over the whole run"), "{accuracy}");
+    // The most accurate run takes too long for what it gains over twice its error.
+    many.stepping_seconds = 1e3;
+    accuracy.runs.iter_mut().for_each(|run| run.whole_error = 0.019);
+    accuracy.runs.push(many.clone());
+    assert!(!accuracy.advice().unwrap().contains("m=10"), "{accuracy}");
+    accuracy.runs.iter_mut().rev().skip(1).for_each(|run| run.whole_error = 0.021);
+    assert!(accuracy.advice().unwrap().contains("m=10"), "{accuracy}");
+    assert_eq!(Accuracy::default().advice(), None);
 }
 
 /// Observer that stops a study after some parts of its work and keeps the results so far.

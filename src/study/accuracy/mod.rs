@@ -10,6 +10,7 @@
 //!
 //! A first run gives the errors. Its seconds are the least of several further repetitions.
 
+mod advice;
 mod cpu;
 pub mod front;
 mod measuring;

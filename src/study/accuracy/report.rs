@@ -68,7 +68,8 @@ impl fmt::Display for Accuracy {
         for Absent { what, why } in &self.dropped {
             writeln!(f, "left out  {what}: {why}")?;
         }
-        self.failures.iter().try_for_each(|Absent { what, why }| writeln!(f, "FAILED  {what}: {why}"))
+        self.failures.iter().try_for_each(|Absent { what, why }| writeln!(f, "FAILED  {what}: {why}"))?;
+        self.advice().map_or(Ok(()), |advice| writeln!(f, "\n{advice}"))
     }
 }
 
@@ -275,6 +276,7 @@ impl Accuracy {
             "time_orders": self.time_orders(),
             "space_orders": self.space_orders(),
             "floor": self.floor(),
+            "advice": self.advice(),
         });
         for part in [json!(self), evaluation] {
             let entries = part.as_object().into_iter().flatten();
