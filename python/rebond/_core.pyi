@@ -67,6 +67,7 @@ def run(
     out: str | None,
     overwrite: bool,
     on_step: Callable[[int, float, int, list[float] | None], Any] | None,
+    pace: float,
 ) -> dict[str, Any]: ...
 def resume(
     folder: str,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import itertools
 import json
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from . import _core, plots
 from .model import in_triangles
+from .progress import PACE, Line
 from .scene import Scene
 
 #: Columns of the history that count something.
@@ -142,6 +144,30 @@ class Fields:
         """Small cells cut into triangles, shape (triangles, 3), as matplotlib draws them."""
         return in_triangles(self.cells)
 
+    def to_pyvista(self, snapshot: int = -1) -> Any:
+        """Return a snapshot, by default the last one, as a ``pyvista.UnstructuredGrid``.
+
+        Its points lie in the plane z = 0; ``warp_by_scalar("deflection")`` bends it. Fields of
+        points are its point arrays, and ``cell_velocity`` is a cell array. pyvista is needed.
+        """
+        try:
+            import pyvista
+        except ImportError as error:
+            raise ImportError("to_pyvista needs pyvista: pip install pyvista") from error
+        deflection = self.deflection[snapshot]
+        counts = (self.cells >= 0).sum(axis=1)
+        rows = np.column_stack([counts, self.cells])
+        # Numbers of VTK: 5 is a triangle, 9 a quadrilateral.
+        kinds = np.where(counts == 3, 5, 9).astype(np.uint8)
+        points = np.column_stack([self.points, np.zeros(len(self.points))])
+        grid = pyvista.UnstructuredGrid(rows[rows >= 0], kinds, points)
+        for name, values in self._arrays.items():
+            if name == "cell_velocity":
+                grid.cell_data[name] = values[snapshot][self.parents]
+            elif values.shape[1] == len(deflection):
+                grid.point_data[name] = values[snapshot]
+        return grid
+
     def __len__(self) -> int:
         return len(self.time)
 
@@ -202,19 +228,23 @@ def run(
     out: str | os.PathLike[str] | None = None,
     on_step: Callable[[RunStep], Any] | None = None,
     overwrite: bool = False,
+    progress: bool = False,
 ) -> Run:
     """Simulate a scene, or the scene of a file, to its end.
 
     With ``out``, the run folder is written as by ``rebond run --out``, and ``overwrite`` allows to
     replace what it holds of another scene. ``on_step`` is called after every step; a true result
-    stops the run there, and an exception stops it and is raised. Ctrl-C stops the run after the
-    present step and raises ``KeyboardInterrupt``. Where there is a run folder, a run that is
-    stopped leaves a checkpoint in it, from which :func:`resume` goes on.
+    stops the run there, and an exception stops it and is raised. With ``progress`` a line on
+    standard error tells how far the run is. Ctrl-C stops the run after the present step and raises
+    ``KeyboardInterrupt``. Where there is a run folder, a run that is stopped leaves a checkpoint in
+    it, from which :func:`resume` goes on.
     """
     folder = None if out is None else os.fspath(out)
     scene = scene if isinstance(scene, Scene) else Scene(scene)
-    tell = _teller(on_step, scene._native.columns)
-    return Run(scene, _core.run(scene._native, folder, overwrite, tell), folder)
+    with Line(scene.steps) if progress else contextlib.nullcontext() as line:
+        tell = _teller(on_step, scene._native.columns, line)
+        pace = PACE if on_step is None else 0.0
+        return Run(scene, _core.run(scene._native, folder, overwrite, tell, pace), folder)
 
 
 def resume(
@@ -247,13 +277,17 @@ def resume(
 
 
 def _teller(
-    on_step: Callable[[RunStep], Any] | None, columns: list[str]
+    on_step: Callable[[RunStep], Any] | None, columns: list[str], line: Line | None = None
 ) -> Callable[[int, float, int, list[float] | None], Any] | None:
     """Return the function that native code calls after each step."""
-    if on_step is None:
+    if on_step is None and line is None:
         return None
 
     def tell(step: int, time: float, contact_nodes: int, row: list[float] | None) -> Any:
+        if line is not None:
+            line.show(step, time, contact_nodes)
+        if on_step is None:
+            return False
         named = None if row is None else dict(zip(columns, row))
         return on_step(RunStep(step, time, contact_nodes, named))
 

@@ -12,13 +12,15 @@ use rebond::output::run_files::{RecordedRun, ResumedRun, RunFiles, RunSummary};
 use rebond::simulation::{self, Both, Model};
 use rebond::{Error, study};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// Run to make in a working thread.
 struct Task {
     run: RecordedRun,
     writes_files: bool,
     overwrites: bool,
-    tells_steps: bool,
+    /// Least time between two steps that Python is told of; `None` if it is told of none.
+    pace: Option<Duration>,
     /// Checkpoint from which the run goes on.
     from: Option<Checkpoint>,
 }
@@ -44,7 +46,7 @@ impl Task {
         if lock.is_some() {
             files.prepare(from.as_ref())?;
         }
-        let mut collector = Collector::new(scene, end, self.tells_steps);
+        let mut collector = Collector::new(scene, end, self.pace);
         let (collector, files, (outcome, ended)) = if lock.is_some() {
             let mut both = Both(collector, files);
             let done = match from {
@@ -92,7 +94,8 @@ impl Callbacks for OnStep {
 }
 
 /// Runs a scene. `on_step` is called with step, time, number of nodes in contact, and the row of
-/// the history or None; a true answer stops the run.
+/// the history or None, after every step or `pace` seconds after the last call; a true answer
+/// stops the run.
 #[pyfunction]
 pub fn run<'py>(
     py: Python<'py>,
@@ -100,6 +103,7 @@ pub fn run<'py>(
     out: Option<PathBuf>,
     overwrite: bool,
     on_step: Option<Py<PyAny>>,
+    pace: f64,
 ) -> PyResult<Bound<'py, PyDict>> {
     let file = std::path::absolute(scene.path()).unwrap_or_else(|_| scene.path());
     let identity = crate::errors::guarded(py, || Identity::of(&scene.scene))?;
@@ -110,8 +114,8 @@ pub fn run<'py>(
         folder: out.clone().unwrap_or_default(),
         petsc: Vec::new(),
     };
-    let (writes_files, tells_steps) = (out.is_some(), on_step.is_some());
-    let task = Task { run, writes_files, overwrites: overwrite, tells_steps, from: None };
+    let pace = on_step.is_some().then(|| Duration::try_from_secs_f64(pace).unwrap_or_default());
+    let task = Task { run, writes_files: out.is_some(), overwrites: overwrite, pace, from: None };
     start(py, task, on_step)
 }
 
@@ -128,8 +132,8 @@ pub fn resume<'py>(
         crate::errors::guarded(py, || ResumedRun::new(folder, until.as_deref()))?;
     let scene = Scene::of(&run.scene, &run.file);
     let damaged = damaged.iter().map(ToString::to_string).collect();
-    let tells_steps = on_step.is_some();
-    let task = Task { run, writes_files: true, overwrites: false, tells_steps, from: Some(from) };
+    let pace = on_step.is_some().then_some(Duration::ZERO);
+    let task = Task { run, writes_files: true, overwrites: false, pace, from: Some(from) };
     Ok((start(py, task, on_step)?, scene, damaged))
 }
 

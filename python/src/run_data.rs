@@ -8,6 +8,7 @@ use pyo3::types::PyDict;
 use rebond::scene::Scene;
 use rebond::simulation::{Contact, Lattice, NodeEvent, Observer, Row, Snapshot};
 use std::collections::BTreeMap;
+use std::time::{Duration, Instant};
 
 /// Columns of numbers by name, of equal length.
 #[derive(Default)]
@@ -141,11 +142,13 @@ impl RunData {
     }
 }
 
-/// Observer that collects the results of a run, tells Python of each step if asked to, and stops
+/// Observer that collects the results of a run, tells Python of its steps if asked to, and stops
 /// the run where Python says so.
 pub struct Collector<'e> {
     end: &'e WorkerEnd,
-    tells_steps: bool,
+    /// Least time between two steps that Python is told of; `None` if it is told of none.
+    pace: Option<Duration>,
+    told: Instant,
     /// Length of a step, in s.
     dt: f64,
     has_row: bool,
@@ -155,7 +158,7 @@ pub struct Collector<'e> {
 
 impl<'e> Collector<'e> {
     /// Prepares to collect the results of a scene.
-    pub fn new(scene: &Scene, end: &'e WorkerEnd, tells_steps: bool) -> Collector<'e> {
+    pub fn new(scene: &Scene, end: &'e WorkerEnd, pace: Option<Duration>) -> Collector<'e> {
         let named = |names: &[&str]| Columns::new(names.iter().map(|name| (*name).to_owned()));
         let data = RunData {
             history: Columns::new(history_columns(scene)),
@@ -165,7 +168,8 @@ impl<'e> Collector<'e> {
             summary: String::new(),
             is_finished: false,
         };
-        Collector { end, tells_steps, dt: scene.time.step, has_row: false, stops: false, data }
+        let (dt, told) = (scene.time.step, Instant::now());
+        Collector { end, pace, told, dt, has_row: false, stops: false, data }
     }
 
     /// Returns the results.
@@ -201,7 +205,8 @@ impl Observer for Collector<'_> {
     }
 
     fn step(&mut self, step: u64, contact_nodes: usize) {
-        if self.tells_steps {
+        if self.pace.is_some_and(|pace| pace.is_zero() || self.told.elapsed() >= pace) {
+            self.told = Instant::now();
             let row = self.has_row.then(|| self.data.history.last());
             let news = StepNews { step, time: step as f64 * self.dt, contact_nodes, row };
             self.stops = matches!(self.end.ask(Event::Step(news)), Answer::Stop);

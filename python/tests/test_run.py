@@ -6,8 +6,10 @@ import csv
 import json
 import os
 import signal
+import sys
 import threading
 import time
+import types
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -288,3 +290,60 @@ def test_a_file_runs_and_is_drawn(tmp_path: Path) -> None:
     figure = modes.plot()
     assert [axis.get_title() for axis in figure.axes[:4]] == [f"{f:.4g} Hz" for f in modes.frequencies]
     pyplot.close("all")
+
+
+class StandIn:
+    """Unstructured grid of pyvista as far as fields use it."""
+
+    def __init__(self, cells: Any, kinds: Any, points: Any) -> None:
+        self.cells, self.kinds, self.points = cells, kinds, points
+        self.point_data: dict[str, Any] = {}
+        self.cell_data: dict[str, Any] = {}
+
+
+def test_fields_become_a_grid_of_pyvista(
+    fall: rebond.Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fields = rebond.run(fall).fields
+    stand_in = types.SimpleNamespace(UnstructuredGrid=StandIn)
+    monkeypatch.setitem(sys.modules, "pyvista", stand_in)
+    grid = fields.to_pyvista()
+    assert np.array_equal(grid.points[:, :2], fields.points) and not grid.points[:, 2].any()
+    for name in ("deflection", "velocity", "slope"):
+        assert np.array_equal(grid.point_data[name], fields[name][-1]), name
+    assert "cell_velocity" not in grid.point_data
+    # Each cell is its number of corners, and the corners; 9 is VTK's quadrilateral.
+    assert set(grid.kinds) == {9} and len(grid.cells) == 5 * len(fields.cells)
+    assert np.array_equal(grid.cells.reshape(-1, 5)[:, 1:], fields.cells)
+    assert np.array_equal(fields.to_pyvista(0).point_data["deflection"], fields.deflection[0])
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(ImportError, match="to_pyvista needs pyvista: pip install pyvista"):
+        fields.to_pyvista()
+
+
+def test_the_grid_of_pyvista_has_the_area_of_the_plate(fall: rebond.Scene) -> None:
+    pytest.importorskip("pyvista")
+    for element in ("fvs", "hct"):
+        grid = rebond.run(fall.set(f'mesh.element="{element}"')).fields.to_pyvista()
+        assert grid.area == pytest.approx(1.2 * 0.4)
+        assert grid.bounds[:4] == pytest.approx((0, 1.2, 0, 0.4))
+        assert grid["slope"].shape == (grid.n_points, 2)
+
+
+def test_a_run_shows_its_progress(
+    fall: rebond.Scene, capsys: pytest.CaptureFixture[str]
+) -> None:
+    steps: list[rebond.RunStep] = []
+    told = rebond.run(fall, on_step=steps.append, progress=True)
+    assert len(steps) == fall.steps + 1
+    first, *_, last = capsys.readouterr().err.strip("\r\n").split("\r")
+    assert first == "  0 %, t = 0 s, 0 nodes touch" and last.startswith("ended after ")
+    quiet = rebond.run(fall, progress=True)
+    assert quiet.history["energy"].tolist() == told.history["energy"].tolist()
+
+    def fail(_: rebond.RunStep) -> None:
+        raise LookupError
+
+    with pytest.raises(LookupError):
+        rebond.run(fall, on_step=fail, progress=True)
+    assert "\rstopped after " in capsys.readouterr().err
