@@ -232,6 +232,10 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         };
         return Err(doc.fault(key, format!("\"{given}\" takes no [[dashpot]]; expected {others}")));
     }
+    if let Some(motion) = scene.motions().next().filter(|_| !scene.attachments.dashpots.is_empty()) {
+        let wrong = "contradicts [[dashpot]], whose other end is the ground; expected supports at rest";
+        return Err(doc.fault(&motion.key, wrong));
+    }
     if let Some(key) = scene.stop_damping()
         && !able.takes_stop_damping[usize::from(is_modal)]
     {

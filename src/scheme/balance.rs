@@ -28,6 +28,8 @@ pub struct StepBalance {
     /// Acceleration a that M acts on, relative to the supports, in m/s^2, one entry per velocity
     /// dof. Damping by the mass adds alpha times the velocity; damping of modes its decay.
     pub acceleration: Vec<f64>,
+    /// Rate of u that dashpots act on, in m/s, one entry per dof; empty without dashpots.
+    pub rates: Vec<f64>,
     /// Instants (s) of the time-dependent loads, and their weights.
     pub loads: Vec<(f64, f64)>,
     /// Places of the supports, in m, one entry per motion.
@@ -45,6 +47,7 @@ impl StepBalance {
         StepBalance {
             displacement: vec![0.0; system.engine.dofs()],
             acceleration: vec![0.0; system.engine.velocities(&system.mass)],
+            rates: if system.drive.dashpots.is_some() { vec![0.0; system.engine.dofs()] } else { Vec::new() },
             loads: Vec::new(),
             places: motions.clone(),
             support_rates: motions.clone(),
@@ -95,6 +98,7 @@ impl StepBalance {
     pub(super) fn add(&mut self, weight: f64, other: &StepBalance) {
         axpy(weight, &other.displacement, &mut self.displacement);
         axpy(weight, &other.acceleration, &mut self.acceleration);
+        axpy(weight, &other.rates, &mut self.rates);
         self.loads.extend(other.loads.iter().map(|(time, share)| (*time, weight * share)));
         axpy(weight, &other.places, &mut self.places);
         axpy(weight, &other.support_rates, &mut self.support_rates);
@@ -121,6 +125,9 @@ impl StepBalance {
     pub(super) fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.vector(VectorKind::Dofs, &mut self.displacement)?;
         archive.vector(VectorKind::Velocities, &mut self.acceleration)?;
+        if !self.rates.is_empty() {
+            archive.vector(VectorKind::Dofs, &mut self.rates)?;
+        }
         archive.value(&mut self.loads)?;
         for vector in [&mut self.places, &mut self.support_rates, &mut self.support_accelerations] {
             archive.value(vector)?;

@@ -2,8 +2,9 @@
 //! by the exact scheme.
 
 use crate::common::block;
-use crate::common::models::PAPER_START;
-use crate::common::scenes::{refusal, run};
+use crate::common::models::{PAPER_PLATE, PAPER_START};
+use crate::common::momentum::Upward;
+use crate::common::scenes::{refusal, run, scene};
 use rebond::linalg::{CellClass, Engine, Native, SingularMassCell};
 use rebond::modes::{self, Mode};
 use rebond::obstacle::Bounds;
@@ -493,5 +494,49 @@ fn dashpots_are_refused_by_name() {
             "mesh = { element = \"fvs\", cells = [10, 4] }\ndashpot = [{ at = [1.2, 0], damping = 5 }]\n";
         let error = refusal(&format!("{PAPER_START}{mesh}time = {{ {time}, step = 1e-4, end = 0.1 }}\n"));
         assert!(error.to_string().contains(words), "{error}");
+    }
+}
+
+/// The impulses of the supports are the change of momentum and the way of the dashpots times their
+/// damping, also where a dashpot pulls at a cell of the held edge.
+#[test]
+fn supports_bear_what_dashpots_pull() {
+    const GRAVITY: f64 = 9.81;
+    for (element, time) in [
+        ("fvs", "scheme = \"midpoint\", mass = \"singular\""),
+        ("hct", "scheme = \"midpoint\", mass = \"consistent\""),
+    ] {
+        let text = format!(
+            "{PAPER_PLATE}mesh = {{ element = \"{element}\", cells = [6, 4] }}\n\
+             support = [{{ name = \"root\", edge = \"left\", kind = \"clamped\" }}]\nload.gravity = {GRAVITY}\n\
+             dashpot = [{{ at = [0.13, 0.17], damping = 900 }}, {{ at = [1.1, 0.3], damping = 30 }}]\n\
+             time = {{ {time}, step = 1e-4, end = 0.1 }}\n\
+             output.probes = [{{ name = \"near\", at = [0.13, 0.17] }}, {{ name = \"far\", at = [1.1, 0.3] }}]\n"
+        );
+        let scene = scene(&text);
+        let model = Model::new(&scene).unwrap();
+        let load = model.system.load.clone().unwrap();
+        let mass = 7770.0 * 1.2 * 0.4 * 0.01;
+        let upward = Upward::new(&model, &load, GRAVITY, mass);
+        let mut scheme = model.scheme(&scene).unwrap();
+        scheme.keep_balance().unwrap();
+        let (mut before, mut worst, mut largest) = (0.0, 0.0_f64, 0.0_f64);
+        let mut places = [0.0; 2];
+        while scheme.time() < 0.1 - 1e-9 {
+            scheme.advance().unwrap();
+            let momentum = upward.momentum(&scheme.velocity().unwrap(), &[]).unwrap();
+            let mut force = (momentum - before) / 1e-4 + mass * GRAVITY;
+            for ((probe, damping), place) in model.probes.iter().zip([900.0, 30.0]).zip(&mut places) {
+                let now = probe.deflection(scheme.displacement());
+                force += damping * (now - *place) / 1e-4;
+                *place = now;
+            }
+            before = momentum;
+            let [borne, ..] = model.support_forces(&mut *scheme).unwrap()[0];
+            worst = worst.max((borne - force).abs());
+            largest = largest.max(borne.abs());
+        }
+        println!("{element}: {worst:e} of {largest:e}");
+        assert!(worst <= 1e-9 * largest, "{element}: {worst:e} of {largest:e}");
     }
 }

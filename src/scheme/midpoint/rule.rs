@@ -66,6 +66,9 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         let mut balance = StepBalance::zero(system);
         let of_x = 1.0 + 2.0 * damping.stiffness / self.dt;
         waxpy(of_x, &self.driver.x, from, &mut balance.displacement);
+        if !balance.rates.is_empty() {
+            balance.rates = self.mean_rate();
+        }
         waxpby(
             1.0 / self.dt,
             &self.dv,

@@ -191,6 +191,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
             let (x, rate) = if is_start { (2.0 * e, e / dt) } else { (e - d, (d + e) / (2.0 * dt)) };
             balance.displacement[i] = u_n[i] + (beta * x + damping.stiffness * rate);
             inertia[i] = (e - d) / (dt * dt) + damping.mass * rate;
+            balance.rates.get_mut(i).into_iter().for_each(|damped| *damped = rate);
         }
         engine.project(mass, &inertia, &mut balance.acceleration)?;
         if let (Some(modal), Some(damped)) = (&drive.modal, &self.driver.damped) {

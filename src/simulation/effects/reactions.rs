@@ -84,6 +84,7 @@ pub(in crate::simulation) struct Reactions {
     /// named ones, and the cells of these.
     edges: Vec<(usize, Vec<HeldCell>)>,
     springs: Vec<PointTerm>,
+    dashpots: Vec<PointTerm>,
     /// Masses that the cells do not carry.
     masses: Vec<PointTerm>,
     /// Inertia of each mode of the modal mass at the held nodes; empty for other masses.
@@ -137,6 +138,7 @@ impl Reactions {
             cells: cells.map(|(number, beds)| cell(number, beds)).collect(),
             edges: named.enumerate().map(edge).filter(|(_, cells)| !cells.is_empty()).collect(),
             springs: terms.springs.clone(),
+            dashpots: terms.dashpots.clone(),
             masses: terms.masses().cloned().collect(),
             modes: Vec::new(),
             lifts: Vec::new(),
@@ -172,6 +174,14 @@ impl Reactions {
                 self.add_singular(|cell| a[cell.number], |k, _| a[self.velocities + k], force);
             }
         });
+        if !balance.rates.is_empty() {
+            let rates = engine.to_local(&balance.rates)?;
+            let rates = DofVector::Free(&rates);
+            let damped = self.rows(|force| {
+                self.dashpots.iter().for_each(|dashpot| push(dashpot, rates.under(dashpot), force));
+            });
+            axpy(1.0, &damped, &mut force);
+        }
         match mass {
             Form::Cells(_) => {
                 let a = engine.to_local(a)?;
@@ -318,7 +328,7 @@ impl Reactions {
     }
 }
 
-/// Adds the force of a spring or of a mass, its amount times a value.
+/// Adds the force of a spring, a dashpot or a mass, its amount times a value.
 fn push(term: &PointTerm, value: f64, force: &mut [f64]) {
     term.spot.of_shape.push(term.amount * value, force);
 }
