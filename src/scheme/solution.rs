@@ -186,6 +186,16 @@ pub trait Solution {
     /// Returns the errors of the engine.
     fn velocity(&mut self) -> Result<Vec<f64>>;
 
+    /// Returns [`Solution::velocity`] at some dofs. It is cheap also for a scheme whose steps compute
+    /// no displacement. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    fn velocity_of(&mut self, dofs: &[usize]) -> Result<Vec<f64>> {
+        let velocity = self.velocity()?;
+        Ok(dofs.iter().map(|&dof| velocity[dof]).collect())
+    }
+
     /// Returns the support velocities that [`Solution::velocity`] is relative to, in m/s, one entry
     /// per motion.
     ///

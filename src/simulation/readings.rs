@@ -135,8 +135,15 @@ impl Readings {
         }
         let mut rates = scheme.support_rates()?;
         rates.resize(self.motions.len(), 0.0);
-        let velocity = scheme.velocity()?;
-        let shares = self.sums(is_chosen, |dof| velocity[dof], &rates);
+        let chosen = self.readings.iter().filter(|reading| is_chosen(reading.quantity));
+        let terms = chosen.flat_map(|reading| &reading.terms);
+        let dofs = terms.flat_map(|(probe, _)| probe.weights().iter().map(|(dof, _)| *dof));
+        let mut dofs: Vec<usize> = dofs.collect();
+        dofs.sort_unstable();
+        dofs.dedup();
+        let velocity = scheme.velocity_of(&dofs)?;
+        let rate = |dof| dofs.binary_search(&dof).map_or(0.0, |place| velocity[place]);
+        let shares = self.sums(is_chosen, rate, &rates);
         Ok(system.engine.comm().all_reduce_sum_slice(&shares))
     }
 

@@ -26,6 +26,7 @@ use super::ModalScheme;
 use super::data::ModalData;
 use super::implicit::{Implicit, StepRule};
 use super::limits::Limits;
+use super::scheme::Rates;
 use super::state::{State, kick};
 use crate::error::Result;
 use crate::kernels::lanes::dot;
@@ -256,23 +257,18 @@ impl<E: Engine> ModalScheme<'_, E> {
         }
     }
 
-    /// Returns the central velocity `$(U^{n+1} - U^{n-1}) / 2 \Delta t$`, in m/s.
-    pub(super) fn central_velocity(&self) -> Vec<f64> {
-        let mut rates = vec![0.0; self.system.engine.dofs()];
+    /// Returns the rates of the parts in the central velocity
+    /// `$(U^{n+1} - U^{n-1}) / 2 \Delta t$`.
+    pub(super) fn central_rates(&self) -> Rates<'_> {
         let (before, next) = (&self.before, &self.implicit.next);
-        self.modes.add_shapes(&self.now.v, &mut rates);
         let data = ModalData {
             factors: self.rates(&next.data.factors, &before.data.factors),
             wave: self.rates(&next.data.wave, &before.data.wave),
             ..ModalData::default()
         };
-        self.loads.add_response(&data, &mut rates);
-        for (k, rate) in self.rates(&next.reaction, &before.reaction).into_iter().enumerate() {
-            if rate != 0.0 {
-                axpy(rate, &self.model.flexibility[k], &mut rates);
-            }
-        }
-        rates
+        let reactions = self.rates(&next.reaction, &before.reaction).into_iter().enumerate();
+        let reactions = reactions.filter(|(_, rate)| *rate != 0.0).collect();
+        Rates { modes: &self.now.v, data: Some(data), reactions }
     }
 
     /// Returns the discrete invariant between n and n + 1, in J, as

@@ -17,6 +17,16 @@ use crate::scheme::{Approach, Scheme, Solution, Statistics, StepBalance, StepRec
 use crate::vi::{BoundStatus, ComplianceSolver, StepReport};
 use std::rc::Rc;
 
+/// Rates of the parts of a displacement.
+pub(super) struct Rates<'a> {
+    /// Rates of the modes.
+    pub modes: &'a [f64],
+    /// Rates of the data that the rest follows; `None` where they count as constant.
+    pub data: Option<ModalData>,
+    /// Candidates with the rates of their reactions, in N/s.
+    pub reactions: Vec<(usize, f64)>,
+}
+
 impl<E: Engine> ModalScheme<'_, E> {
     /// Adds the impulses of the reactions of the last step over a duration, in s.
     fn add_impulses(&mut self, seconds: f64) {
@@ -166,17 +176,55 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// Returns the displacement of one dof, in m, by the sums of [`Self::shape`] in their order.
     fn shape_at(&self, dof: usize) -> f64 {
         let State { q, x, reaction, data, is_settled, .. } = self.shown();
-        let ModalScheme { system, model, loads, modes, .. } = self;
+        let ModalScheme { system, model, loads, .. } = self;
         let mut shown = model.own.iter().filter(|_| *is_settled);
         if let Some(&(k, _)) = shown.find(|(_, i)| system.bounds.dofs[*i] == dof) {
             return x[k];
         }
-        let mut rows = self.shown.dof_rows.borrow_mut();
-        let row = rows.entry(dof).or_insert_with(|| modes.shapes.row(dof).iter().copied().collect());
-        let inertial = q.iter().zip(row).map(|(q, shape)| q * *shape);
+        let row = self.row(dof);
+        let inertial = q.iter().zip(&*row).map(|(q, shape)| q * *shape);
         let acting = reaction.iter().enumerate().filter(|(_, r)| **r != 0.0);
         let pressed = acting.map(|(i, r)| r * model.flexibility[i][dof]);
         inertial.chain(loads.response_at(data, dof)).chain(pressed).fold(0.0, |sum, term| sum + term)
+    }
+
+    /// Returns the values of the mode shapes at a dof.
+    fn row(&self, dof: usize) -> Rc<[f64]> {
+        let row = || self.modes.shapes.row(dof).iter().copied().collect();
+        self.shown.dof_rows.borrow_mut().entry(dof).or_insert_with(row).clone()
+    }
+
+    /// Returns the rates of the parts of the reported displacement.
+    fn rates_of_parts(&self) -> Rates<'_> {
+        if self.newmark_parameters().is_some() {
+            return self.central_rates();
+        }
+        let v = &self.shown().v;
+        let mut rates = Rates { modes: v, data: None, reactions: Vec::new() };
+        let contact = if self.ahead > 0.0 { &self.between().1 } else { &self.contact };
+        let active = contact.active();
+        if active.is_empty() || self.record.step == 0 {
+            return rates;
+        }
+        if self.tips.are_there() {
+            let reactions = self.now.reaction.iter().zip(&self.before.reaction).enumerate();
+            rates.reactions = reactions.map(|(k, (now, before))| (k, (now - before) / self.span)).collect();
+            rates.reactions.retain(|(_, rate)| *rate != 0.0);
+            return rates;
+        }
+        let (now, before) = (&self.now.data, &self.before.data);
+        let limit = |i: usize| {
+            let [from, to] = match contact.sides[i] {
+                BoundStatus::Upper => [before.near.upper[i], now.near.upper[i]],
+                _ => [before.near.lower[i], now.near.lower[i]],
+            };
+            ((to - from) - (now.near.shift[i] - before.near.shift[i])) / self.span
+        };
+        let missing = |i: usize| limit(i) - dot(self.rows.col_as_slice(i), v);
+        let mut forces: Vec<f64> = active.iter().map(|&i| missing(i)).collect();
+        contact.solve_active(&mut forces);
+        rates.reactions = active.iter().copied().zip(forces).collect();
+        rates
     }
 
     /// Advances the conserving scheme to the next instant of the grid.
@@ -226,39 +274,23 @@ impl<E: Engine> Solution for ModalScheme<'_, E> {
     /// in m/s; the central velocity for the Newmark scheme. With damped stops the rest follows the
     /// reactions over the last step.
     fn velocity(&mut self) -> Result<Vec<f64>> {
-        if self.newmark_parameters().is_some() {
-            return Ok(self.central_velocity());
-        }
         let mut rates = vec![0.0; self.system.engine.dofs()];
-        let v = &self.shown().v;
-        self.modes.add_shapes(v, &mut rates);
-        let contact = if self.ahead > 0.0 { &self.between().1 } else { &self.contact };
-        let active = contact.active();
-        if active.is_empty() || self.record.step == 0 {
-            return Ok(rates);
-        }
-        if self.tips.are_there() {
-            let reactions = self.now.reaction.iter().zip(&self.before.reaction);
-            for (i, (now, before)) in reactions.enumerate().filter(|(_, (now, before))| now != before) {
-                axpy((now - before) / self.span, &self.model.flexibility[i], &mut rates);
-            }
-            return Ok(rates);
-        }
-        let (now, before) = (&self.now.data, &self.before.data);
-        let limit = |i: usize| {
-            let [from, to] = match contact.sides[i] {
-                BoundStatus::Upper => [before.near.upper[i], now.near.upper[i]],
-                _ => [before.near.lower[i], now.near.lower[i]],
-            };
-            ((to - from) - (now.near.shift[i] - before.near.shift[i])) / self.span
-        };
-        let missing = |i: usize| limit(i) - dot(self.rows.col_as_slice(i), v);
-        let mut forces: Vec<f64> = active.iter().map(|&i| missing(i)).collect();
-        contact.solve_active(&mut forces);
-        for (&i, force) in active.iter().zip(&forces) {
-            axpy(*force, &self.model.flexibility[i], &mut rates);
-        }
+        let Rates { modes, data, reactions } = self.rates_of_parts();
+        self.modes.add_shapes(modes, &mut rates);
+        data.iter().for_each(|data| self.loads.add_response(data, &mut rates));
+        reactions.iter().for_each(|(k, rate)| axpy(*rate, &self.model.flexibility[*k], &mut rates));
         Ok(rates)
+    }
+
+    fn velocity_of(&mut self, dofs: &[usize]) -> Result<Vec<f64>> {
+        let Rates { modes, data, reactions } = self.rates_of_parts();
+        let rate = |&dof: &usize| {
+            let pressed = reactions.iter().map(|(k, rate)| rate * self.model.flexibility[*k][dof]);
+            let loaded = data.iter().flat_map(|data| self.loads.response_at(data, dof));
+            let row = self.row(dof);
+            row.iter().zip(modes).map(|(shape, v)| shape * v).chain(loaded).chain(pressed).sum()
+        };
+        Ok(dofs.iter().map(rate).collect())
     }
 
     fn support_rates(&self) -> Result<Vec<f64>> {

@@ -5,6 +5,7 @@ use crate::obstacle::Bounds;
 use crate::vi::ComplianceSolver;
 use std::cell::{OnceCell, RefCell};
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// State at a grid instant. All but the limits is computed where it is asked for.
 pub(super) struct Shown {
@@ -15,7 +16,7 @@ pub(super) struct Shown {
     /// Displacement, in m, one entry per dof.
     pub shape: OnceCell<Vec<f64>>,
     /// Mode shapes at the dofs whose displacement was asked for, one entry per mode.
-    pub dof_rows: RefCell<BTreeMap<usize, Vec<f64>>>,
+    pub dof_rows: RefCell<BTreeMap<usize, Rc<[f64]>>>,
 }
 
 impl Shown {
