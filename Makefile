@@ -9,7 +9,7 @@ FIGURE := scenes/csma2013/fig4.toml
 say = @printf '==> %s\n' '$(1)'
 
 .DEFAULT_GOAL := help
-.PHONY: help setup run test lints-native documentation python test-long stability report bench table static deb accuracy clean
+.PHONY: help setup run test lints-native documentation python test-long stability report bench table static deb wheels release accuracy clean
 
 help: ## list these targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-9s  %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -120,6 +120,14 @@ deb: ## build a Debian package in target/debian, with manual pages and completio
 	@target/release/rebond man --out target/pages > target/pages.txt
 	@target/release/rebond completions bash > target/pages/rebond.bash
 	@cargo deb --no-build --locked
+
+wheels: setup ## build a wheel of the Python package for any Linux, and its sources, in target/wheels
+	$(call say,wheel)
+	@scripts/wheels.sh
+
+release: static deb wheels ## make all files of a release in target/dist; TAG=v0.2.0 must name the version
+	$(call say,files of the release)
+	@scripts/release.sh $(TAG)
 
 accuracy: setup ## recompute the studies and figures of docs/accuracy.md
 	$(call say,accuracy)
