@@ -186,8 +186,8 @@ pub trait Solution {
     /// Returns the errors of the engine.
     fn velocity(&mut self) -> Result<Vec<f64>>;
 
-    /// Returns [`Solution::velocity`] at some dofs. It is cheap also for a scheme whose steps compute
-    /// no displacement. Collective.
+    /// Returns [`Solution::velocity`] at some dofs. It is cheap also for a scheme whose steps
+    /// compute no displacement. Collective.
     ///
     /// # Errors
     /// Returns the errors of the engine.
