@@ -3,6 +3,9 @@
 pub use crate::memory::grouped;
 use std::fmt;
 
+/// SI prefixes of the powers of 1000 from -4 to 4.
+pub const PREFIXES: [&str; 9] = ["p", "n", "u", "m", "", "k", "M", "G", "T"];
+
 /// Rows of label, value and unit, with the numbers aligned on their decimal points.
 ///
 /// ```
@@ -267,13 +270,18 @@ pub fn place(point: [f64; 2]) -> String {
 /// Returns the power of 1000 that leaves one to three digits of a value before the point, after
 /// rounding to four digits, and its prefix.
 pub fn prefix(value: f64) -> (f64, &'static str) {
-    const PREFIXES: [&str; 9] = ["p", "n", "u", "m", "", "k", "M", "G", "T"];
     if value == 0.0 || !value.is_finite() {
         return (1.0, "");
     }
     // 0.99995 and more round up to 1.
     let power = ((value.abs() / 0.99995).log10() / 3.0).floor().clamp(-4.0, 4.0);
-    (1000_f64.powf(power), PREFIXES[(power + 4.0) as usize])
+    (1000_f64.powf(power), prefix_of(3 * power as i32).unwrap_or_default())
+}
+
+/// Returns the SI prefix of a power of ten; `None` where it has none.
+pub fn prefix_of(exponent: i32) -> Option<&'static str> {
+    let number = usize::try_from(exponent / 3 + 4).ok().filter(|_| exponent % 3 == 0)?;
+    PREFIXES.get(number).copied()
 }
 
 /// Formats two digits as [`significant`] formats five.

@@ -187,19 +187,15 @@ impl Axis {
 
 /// Returns the unit of numbers that are multiples of a power of ten of a unit.
 fn prefixed(symbol: &str, exponent: i32) -> String {
-    match (symbol, exponent) {
-        (symbol, 0) => symbol.to_owned(),
-        ("", _) => power_of_ten(exponent),
-        ("J" | "Hz" | "N" | "Pa" | "N s", 3) => format!("k{symbol}"),
-        ("J" | "Hz" | "N" | "Pa", 6) => format!("M{symbol}"),
-        ("J" | "Hz" | "N" | "Pa", 9) => format!("G{symbol}"),
-        // Such as 1/s.
-        _ if symbol.starts_with('1') => format!("{} {symbol}", power_of_ten(exponent)),
-        (_, -3) => format!("m{symbol}"),
-        (_, -6) => format!("µ{symbol}"),
-        (_, -9) => format!("n{symbol}"),
-        (_, -12) => format!("p{symbol}"),
-        _ => format!("{} {symbol}", power_of_ten(exponent)),
+    // Inverse units such as 1/s take no prefix, and few units take one of large numbers.
+    let takes_prefix = !symbol.is_empty() && !symbol.starts_with('1');
+    let is_usual =
+        exponent < 0 || ["J", "Hz", "N", "Pa"].contains(&symbol) || (symbol, exponent) == ("N s", 3);
+    match text::prefix_of(exponent).filter(|_| takes_prefix && is_usual) {
+        _ if exponent == 0 => symbol.to_owned(),
+        Some(prefix) => format!("{}{symbol}", prefix.replace('u', "µ")),
+        None if symbol.is_empty() => power_of_ten(exponent),
+        None => format!("{} {symbol}", power_of_ten(exponent)),
     }
 }
 
@@ -260,8 +256,9 @@ fn wide_enough([low, high]: [f64; 2]) -> [f64; 2] {
 
 /// Returns the power of ten, a multiple of three, that gives short tick texts.
 fn exponent(magnitude: f64, is_pure: bool) -> i32 {
-    // Numbers from 0.1 up to 100 of a unit.
-    let exponent = 3 * ((magnitude.log10() + 1.0) / 3.0).floor() as i32;
+    // Numbers from 0.1 up to 100 of a unit, but 200 GPa instead of 0.2 TPa.
+    let shift = if (1e11..1e12).contains(&magnitude) { 0.0 } else { 1.0 };
+    let exponent = 3 * ((magnitude.log10() + shift) / 3.0).floor() as i32;
     if (1e-2..1e4).contains(&magnitude) && (exponent > 0 || is_pure) { 0 } else { exponent }
 }
 

@@ -6,7 +6,7 @@ use super::sentence;
 use crate::output::answers::{self, KeyFigure};
 use crate::output::contacts::Contact;
 use crate::output::plot;
-use crate::output::text::{engineering, grouped, prefix, significant, two_digits};
+use crate::output::text::{PREFIXES, engineering, grouped, prefix, significant, two_digits};
 use crate::scene::unit;
 use serde_json::Value;
 
@@ -85,7 +85,8 @@ pub(super) fn typeset(text: &str) -> String {
     let mut words: Vec<String> = Vec::new();
     for word in text.split(' ') {
         let unit = word.trim_end_matches([',', ';']);
-        let is_unit = UNITS.contains(&unit) || UNITS.contains(&unit.strip_prefix(PREFIXES).unwrap_or(unit));
+        let bare = |prefix: &&str| unit.strip_prefix(*prefix);
+        let is_unit = PREFIXES.iter().filter_map(bare).any(|unit| UNITS.contains(&unit));
         let is_number = |last: &String| last.ends_with(|c: char| c.is_ascii_digit() || ")N".contains(c));
         match (words.last_mut(), word.strip_prefix('u')) {
             (Some(last), Some(rest)) if is_unit && is_number(last) => *last += &format!("\u{a0}\u{b5}{rest}"),
@@ -97,9 +98,8 @@ pub(super) fn typeset(text: &str) -> String {
     words.join(" ")
 }
 
-/// Units in texts, and the prefixes that may stand before them.
+/// Units in texts.
 const UNITS: [&str; 10] = ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W"];
-const PREFIXES: [char; 8] = ['p', 'n', 'u', 'm', 'k', 'M', 'G', 'T'];
 
 /// Returns the answers and the warnings of a run.
 pub(super) fn answers(summary: &Value) -> String {
