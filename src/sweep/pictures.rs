@@ -115,6 +115,17 @@ fn quantities(report: &SweepReport, probes: usize, name: impl Fn(&ProbeHead) -> 
     quantities
 }
 
+/// Returns crosses at the values of runs whose motion does not repeat, if there are any: such a
+/// value changes with the number of periods.
+fn unsettled(report: &SweepReport, value: &dyn Fn(&Measures) -> Option<f64>) -> Option<Curve> {
+    let measured = report.rows.iter().filter_map(|row| Some((row.values[0], row.measures.as_ref()?)));
+    // Without a probe nothing tells whether a motion repeats.
+    let unsettled = measured.filter(|(_, run)| run.period.is_none() && !run.probes.is_empty());
+    let points: Vec<[f64; 2]> = unsettled.filter_map(|(key, run)| Some([key, value(run)?])).collect();
+    let name = "does not repeat";
+    (!points.is_empty()).then(|| Curve::new(name, points).color(Color::GREY).marks(4).size(0.8).scattered())
+}
+
 /// Plots half the range of each probe, the peak force and the exponent over the swept key.
 fn response(report: &SweepReport) -> Figure {
     let quantities =
@@ -130,6 +141,7 @@ fn response(report: &SweepReport) -> Figure {
         });
         let axis = Axis::linear(name, unit).with([0.0]);
         let panel = Panel::new(key_axis(report, 0), axis).height(80.0).curves(curves);
+        let panel = panel.curves(unsettled(report, &*value));
         if index < last { panel.without_x_labels() } else { panel }
     };
     quantities.into_iter().enumerate().map(panel).fold(Figure::new(&report.title), Figure::panel)

@@ -65,6 +65,10 @@ fn a_sweep_writes_its_table_its_report_and_its_pictures() {
     let said = succeeds(&rebond(&folder, &["plot", "sweeps/fall"]));
     assert!(said.contains("bifurcation.svg") && said.contains("response.svg"), "{said}");
     assert!(plots.join("response.png").exists() && !folder.join("sweeps/fall/state-0.bin").exists());
+    // Crosses say where a motion does not repeat.
+    let repeats = |row: usize| !report["rows"][row]["measures"]["period"].is_null();
+    let drawn = fs::read_to_string(plots.join("response.svg")).unwrap();
+    assert_eq!(drawn.contains("does not repeat"), !(0..8).all(repeats));
 }
 
 /// Rows, bits and all, depend neither on the number of threads nor on the order of the values.
