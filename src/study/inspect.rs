@@ -14,11 +14,12 @@ use crate::linalg::{Engine, Form, Native};
 use crate::mesh::{Cell, Made, Mesh, Point};
 use crate::output::text::{Report, engineering, grouped, short, significant};
 use crate::output::vtu;
-use crate::scene::{FieldInput, Mass, Scene};
+use crate::scene::{FieldInput, Mass, Output, Scene};
 use crate::scheme::exact::expected_candidates;
 use crate::scheme::{self, System};
 use crate::simulation::{
-    self, Fields, LinearChoice, LoadTotal, Matrices, Model, QuickestRanks, Resultant, StressPeak,
+    self, Fields, LinearChoice, LoadTotal, Matrices, Model, Observer, QuickestRanks, Resultant, Row,
+    StressPeak,
 };
 use serde::Serialize;
 use std::fmt;
@@ -139,10 +140,13 @@ pub struct Check {
     pub energy_step: Option<f64>,
     /// Whether the motion between instants is exact, so that any step is accurate.
     pub any_step: bool,
-    /// Time per step, in s, measured on the native engine over the first steps; contact costs more.
+    /// Time per step, in s, measured on the native engine over the first steps, with what a run records.
     pub seconds_per_step: f64,
-    /// Expected time of the run, in s, with set-up and without file output.
+    /// Expected time of the run, in s, with set-up, rows and snapshots.
     pub expected_seconds: f64,
+    /// Whether anything touches in the first steps.
+    #[serde(skip)]
+    pub has_watched_contact: bool,
     /// Size of all snapshots, in bytes; `None` where the scene asks for none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub snapshots: Option<u64>,
@@ -260,17 +264,17 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries =
         system.engine.factor_size(&(&system.mass * inertia + &system.stiffness), &[])?.entries;
-    let Watched { set_up, seconds_per_step, snapshot } = stopwatch(&native, &model)?;
-    let snapshots = snapshot.zip(scene.output.fields).map(|(bytes, fields)| {
-        // One at the start, and one at the end if no other is due there.
-        bytes * (1 + scene.time.steps().div_ceil(fields.every))
-    });
+    let Watched { set_up, seconds_per_step, touches, snapshot } = stopwatch(&native, &model)?;
+    // One snapshot at the start, and one at the end if no other is due there.
+    let count = scene.output.fields.map_or(0, |fields| 1 + scene.time.steps().div_ceil(fields.every));
+    let snapshots = snapshot.map(|(bytes, _)| bytes * count);
     let (advised_step, energy_step) =
         (advised_for(scene, &frequencies), energy_step_for(scene, &frequencies));
     let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, &frequencies)));
     let modal = modal_figures::figures(scene, &model, None, &mut warnings)?;
     let steps = scene.time.steps();
-    let expected_seconds = set_up + seconds_per_step * steps as f64;
+    let drawing = snapshot.map_or(0.0, |(_, seconds)| seconds * count as f64);
+    let expected_seconds = set_up + seconds_per_step * steps as f64 + drawing;
     Ok(Check {
         title: scene.title.clone(),
         scene: scene.resolved(),
@@ -295,6 +299,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         any_step: scene.time.scheme.capabilities().is_event_driven,
         seconds_per_step,
         expected_seconds,
+        has_watched_contact: touches,
         snapshots,
         quickest: QuickestRanks::new(&native, system.engine.dofs(), steps, expected_seconds),
         warnings,
@@ -318,11 +323,44 @@ struct Watched {
     set_up: f64,
     /// Time of a step, in s.
     seconds_per_step: f64,
-    /// Size of a snapshot, in bytes; `None` where the scene asks for none.
-    snapshot: Option<u64>,
+    /// Whether anything touches in its first steps.
+    touches: bool,
+    /// Size of a snapshot, in bytes, and its time, in s; `None` where the scene asks for none.
+    snapshot: Option<(u64, f64)>,
 }
 
-/// Makes the first steps of a run.
+/// Observer of the first steps of a run, with all that it records of them.
+struct FirstSteps {
+    begin: Instant,
+    /// Number of steps, and the time (s) that they took.
+    steps: u64,
+    seconds: f64,
+    touches: bool,
+    line: String,
+}
+
+impl Observer for FirstSteps {
+    fn begin(&mut self, _: f64) {
+        self.begin = Instant::now();
+    }
+
+    fn row(&mut self, row: &Row) -> Result<()> {
+        self.line.clear();
+        row.write(&mut self.line);
+        Ok(())
+    }
+
+    fn step(&mut self, step: u64, contact_nodes: usize) {
+        (self.steps, self.seconds) = (step, self.begin.elapsed().as_secs_f64());
+        self.touches |= contact_nodes > 0;
+    }
+
+    fn interrupts(&self) -> bool {
+        self.steps > 0 && self.begin.elapsed() >= WATCH
+    }
+}
+
+/// Makes the first steps of a run, without its snapshots.
 fn stopwatch(scene: &Scene, model: &Model) -> Result<Watched> {
     let clock = Instant::now();
     let mut scheme = model.scheme(scene)?;
@@ -331,17 +369,19 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<Watched> {
     let sample = |fields: &Fields| {
         fields.sample(&model.system, scheme.as_mut()).map(|snapshot| vtu::size(&snapshot, bits))
     };
+    let begin = Instant::now();
     let snapshot = model.fields.as_ref().map(sample).transpose()?;
-    let mut stresses = model.stress_watch();
-    let clock = Instant::now();
-    while scheme.step() < scene.time.steps() && (scheme.step() == 0 || clock.elapsed() < WATCH) {
-        scheme.advance()?;
-        if let Some(stresses) = &mut stresses {
-            stresses.note(&model.system.engine, scheme.displacement(), scheme.time())?;
-        }
+    let snapshot = snapshot.map(|bytes| (bytes, begin.elapsed().as_secs_f64()));
+    let mut first = FirstSteps { begin: clock, steps: 0, seconds: 0.0, touches: false, line: String::new() };
+    let still = Scene { output: Output { fields: None, ..scene.output.clone() }, ..scene.clone() };
+    let (_, ended) = simulation::run_scheme(&still, model, scheme, set_up, &mut first)?;
+    if let Err(error) = ended
+        && !matches!(error, Error::Interrupted { .. })
+    {
+        return Err(error);
     }
-    let seconds_per_step = clock.elapsed().as_secs_f64() / scheme.step().max(1) as f64;
-    Ok(Watched { set_up, seconds_per_step, snapshot })
+    let FirstSteps { steps, seconds, touches, .. } = first;
+    Ok(Watched { set_up, seconds_per_step: seconds / steps.max(1) as f64, touches, snapshot })
 }
 
 /// Returns the memory of a scheme's dense arrays, in bytes.
@@ -494,7 +534,7 @@ impl fmt::Display for Check {
             .linear
             .as_ref()
             .map_or(String::new(), |LinearChoice { method, reason }| format!(", {method} solver ({reason})"));
-        let more = if self.bounded_dofs > 0 { ", more in contact," } else { "" };
+        let more = if self.bounded_dofs > 0 && !self.has_watched_contact { ", more in contact," } else { "" };
         let time = about(self.expected_seconds) + more;
         report.text("run", format!("{} steps, {time} and {memory} of memory{linear}", grouped(self.steps)));
         if let Some(bytes) = self.snapshots {
