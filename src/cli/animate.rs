@@ -3,7 +3,8 @@
 use super::command::{Execute, Program};
 use super::printing::print;
 use crate::error::{Error, Result};
-use crate::output::plot::{self, animation, perspective};
+use crate::output::plot::animation::{self, Format};
+use crate::output::plot::{self, perspective};
 use crate::output::run_folder::RunFolder;
 use crate::output::text::grouped;
 use clap::Args;
@@ -13,17 +14,21 @@ use std::time::Duration;
 const EXAMPLES: &str = "\
 Examples:
   rebond animate runs/plate
-  rebond animate runs/plate --duration 10 --width 1280 --out slides/plate.png";
+  rebond animate runs/plate --duration 10 --width 1280 --out slides/plate.png
+  rebond animate runs/plate --format gif";
 
-/// Draw a run's snapshots as an animated picture (APNG), which browsers and slides show
+/// Draw a run's snapshots as an animated picture (APNG or GIF), which browsers and slides show
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Animate {
     /// Run folder, with snapshots (output.fields_every)
     folder: PathBuf,
-    /// Picture; default: plots/animation.png in the run folder
+    /// Picture; default: plots/animation.png (or .gif) in the run folder
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Format; default: gif where FILE ends with .gif, else png
+    #[arg(long)]
+    format: Option<Format>,
     /// Time that the picture takes, in s
     #[arg(long, value_name = "SECONDS", default_value_t = 6.0)]
     duration: f64,
@@ -50,13 +55,14 @@ impl Execute for Animate {
         }
         let title = run.summary["scene"]["title"].as_str().unwrap_or_default();
         let figures = perspective::frames(run.surfaces(self.frames as usize)?, title);
-        let name = || self.folder.join(plot::FOLDER).join(animation::NAME).with_extension("png");
+        let format = self.format.or(self.out.as_deref().map(Format::of)).unwrap_or(Format::Png);
+        let name = || self.folder.join(plot::FOLDER).join(animation::NAME).with_extension(format.extension());
         let path = self.out.clone().unwrap_or_else(name);
         if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
             std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
         }
         let delay = Duration::from_secs_f64(self.duration / figures.len() as f64);
-        animation::write(&path, &figures, self.width, delay)?;
+        animation::write(&path, format, &figures, self.width, delay)?;
         let size = std::fs::metadata(&path).map_err(Error::io(&path))?.len();
         let (frames, count) = (figures.len(), run.snapshots.len());
         let share = if frames < count { format!(" of {count} snapshots") } else { String::new() };

@@ -140,7 +140,8 @@ pub struct Check {
     pub energy_step: Option<f64>,
     /// Whether the motion between instants is exact, so that any step is accurate.
     pub any_step: bool,
-    /// Time per step, in s, measured on the native engine over the first steps, with what a run records.
+    /// Time per step, in s, measured on the native engine over the first steps, with what a run
+    /// records.
     pub seconds_per_step: f64,
     /// Expected time of the run, in s, with set-up, rows and snapshots.
     pub expected_seconds: f64,

@@ -47,6 +47,27 @@ fn read(path: &Path) -> Animation {
     Animation { size, plays: control.num_plays, delays, pictures }
 }
 
+/// Reads an animated GIF by the decoder of the crate `gif`.
+fn read_gif(path: &Path) -> Animation {
+    let mut options = gif::DecodeOptions::new();
+    options.set_color_output(gif::ColorOutput::RGBA);
+    let mut reader = options.read_info(BufReader::new(File::open(path).unwrap())).unwrap();
+    let size = [reader.width(), reader.height()].map(u32::from);
+    let mut picture = vec![0; 3 * (size[0] * size[1]) as usize];
+    let (mut delays, mut pictures) = (Vec::new(), Vec::new());
+    while let Some(frame) = reader.read_next_frame().unwrap() {
+        delays.push(f64::from(frame.delay) / 100.0);
+        for (index, rgba) in frame.buffer.chunks_exact(4).enumerate() {
+            let [x, y] = [index % usize::from(frame.width), index / usize::from(frame.width)];
+            let [x, y] = [x + usize::from(frame.left), y + usize::from(frame.top)];
+            picture[3 * (y * size[0] as usize + x)..][..3].copy_from_slice(&rgba[..3]);
+        }
+        pictures.push(picture.clone());
+    }
+    let plays = if reader.repeat() == gif::Repeat::Infinite { 0 } else { 1 };
+    Animation { size, plays, delays, pictures }
+}
+
 /// Frames are snapshots: they are white around, the first one is that of the start, and each shows
 /// the plate at another place.
 #[test]
@@ -65,6 +86,19 @@ fn a_run_becomes_an_animated_picture() {
         assert!((0.3..0.95).contains(&share), "{share}");
     }
 
+    // A GIF shows the same, in fewer colours, and as long: white stays white.
+    let said = succeeds(&rebond(&folder, &["animate", "runs/fall", "--format", "gif"]));
+    assert!(said.starts_with("runs/fall/plots/animation.gif (11 frames, "), "{said}");
+    let quantised = read_gif(&folder.join("runs/fall/plots/animation.gif"));
+    assert_eq!((quantised.size, quantised.plays, quantised.pictures.len()), (whole.size, 0, 11));
+    assert!((quantised.delays.iter().sum::<f64>() - 6.0).abs() < 1e-9);
+    for (picture, exact) in quantised.pictures.iter().zip(&whole.pictures) {
+        let differences = picture.iter().zip(exact).map(|(&a, &b)| f64::from(a.abs_diff(b)));
+        let mean = differences.sum::<f64>() / exact.len() as f64;
+        assert!(mean < 0.5, "{mean} of 255");
+        assert!((white(picture) - white(exact)).abs() < 1e-3 * white(exact));
+    }
+
     // Left-out snapshots leave the first and the last, at the same scale.
     let few = ["--frames", "2", "--duration", "1", "--out", "slides/fall.png"];
     let said = succeeds(&rebond(&folder, &[&["animate", "runs/fall"], &few[..]].concat()));
@@ -72,10 +106,15 @@ fn a_run_becomes_an_animated_picture() {
     let ends = read(&folder.join("slides/fall.png"));
     assert_eq!(ends.delays, [0.5, 0.5]);
     assert_eq!(ends.pictures[0].len(), whole.pictures[0].len());
+    let by_name = ["animate", "runs/fall", "--frames", "2", "--out", "slides/fall.GIF"];
+    succeeds(&rebond(&folder, &by_name));
+    assert_eq!(read_gif(&folder.join("slides/fall.GIF")).delays, [3.0, 3.0]);
 
-    // A new run removes the picture of the old one.
+    // A new run removes the pictures of the old one.
     succeeds(&rebond(&folder, &["run", "fall.toml", "--quiet", "--overwrite"]));
-    assert!(!folder.join("runs/fall/plots/animation.png").exists());
+    for name in ["animation.png", "animation.gif"] {
+        assert!(!folder.join("runs/fall/plots").join(name).exists());
+    }
 }
 
 #[test]

@@ -1,6 +1,6 @@
-//! Animated pictures: figures of one size as the frames of an animated PNG (APNG).
+//! Animated pictures: figures of one size as the frames of an animated PNG (APNG) or of a GIF.
 //!
-//! Browsers, slides and LibreOffice show the animation; programs that know PNG alone show its first
+//! Browsers, slides and LibreOffice show an APNG; programs that know PNG alone show its first
 //! frame. A frame has only the rectangle that differs from the frame before.
 
 use super::Figure;
@@ -15,6 +15,9 @@ use std::time::Duration;
 /// Name of the animated picture of a run, without its extension.
 pub const NAME: &str = "animation";
 
+/// Speed with which the colours of a GIF are chosen, from 1 for the best to 30.
+const QUANTISATION: i32 = 10;
+
 /// Picture: its width and height, and three bytes per pixel.
 struct Frame {
     size: [usize; 2],
@@ -25,6 +28,11 @@ struct Frame {
 type Rectangle = [usize; 4];
 
 impl Frame {
+    fn new(figure: &Figure, width: u32, path: &Path) -> Result<Frame> {
+        let (size, rgb) = figure.rgb(width, path)?;
+        Ok(Frame { size: size.map(|length| length as usize), rgb })
+    }
+
     fn row(&self, y: usize, from: usize, width: usize) -> &[u8] {
         let start = 3 * (y * self.size[0] + from);
         &self.rgb[start..start + 3 * width]
@@ -48,45 +56,123 @@ impl Frame {
     }
 }
 
-/// Writes figures as the frames of an animated PNG of a width in pixels, which is repeated without
-/// end. Each frame is shown for `delay`, at most a minute. The file is written whole or not at all.
+/// Formats of animated pictures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// Animated PNG, in all colours
+    Png,
+    /// GIF, in 256 colours per frame, for programs that do not know animated PNG
+    Gif,
+}
+
+impl Format {
+    /// Returns the format that the extension of a file names; PNG where it names none.
+    pub fn of(path: &Path) -> Format {
+        let is_gif = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gif"));
+        if is_gif { Format::Gif } else { Format::Png }
+    }
+
+    /// Returns the extension of files.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Format::Png => "png",
+            Format::Gif => "gif",
+        }
+    }
+}
+
+/// Writes figures as the frames of an animated picture of a width in pixels, which is repeated
+/// without end. Each frame is shown for `delay`, at most a minute. The file is written whole or not
+/// at all.
 ///
 /// # Errors
 /// Returns [`Error::Io`] where there is no figure, where figures differ in size, or where the file
 /// cannot be written.
-pub fn write(path: &Path, figures: &[Figure], width: u32, delay: Duration) -> Result<()> {
-    let failed = |why: EncodingError| Error::io(path)(io::Error::other(why));
-    let invalid = |why: &str| Error::io(path)(io::Error::new(io::ErrorKind::InvalidInput, why.to_owned()));
-    let frame = |figure: &Figure| {
-        let (size, rgb) = figure.rgb(width, path)?;
-        Ok::<_, Error>(Frame { size: size.map(|length| length as usize), rgb })
+pub fn write(path: &Path, format: Format, figures: &[Figure], width: u32, delay: Duration) -> Result<()> {
+    let bytes = match format {
+        Format::Png => png(path, figures, width, delay)?,
+        Format::Gif => gif(path, figures, width, delay)?,
     };
-    let Some(first) = figures.first() else { return Err(invalid("no figure to animate")) };
-    let mut before = frame(first)?;
+    write_atomic(path, &bytes)
+}
+
+/// Returns the bytes of an animated PNG.
+fn png(path: &Path, figures: &[Figure], width: u32, delay: Duration) -> Result<Vec<u8>> {
+    let failed = |why: EncodingError| Error::io(path)(io::Error::other(why));
+    let first = first(path, figures, width)?;
     let mut bytes = Vec::new();
-    let mut encoder = encoder(&mut bytes, before.size.map(|length| length as u32));
+    let mut encoder = encoder(&mut bytes, first.size.map(|length| length as u32));
     encoder.set_animated(figures.len() as u32, 0).map_err(failed)?;
     let millis = u16::try_from(delay.as_millis()).unwrap_or(u16::MAX).min(60_000);
     encoder.set_frame_delay(millis, 1000).map_err(failed)?;
     let mut writer = encoder.write_header().map_err(failed)?;
-    writer.write_image_data(&before.rgb).map_err(failed)?;
+    changes(path, figures, first, |rgb, change| put(&mut writer, rgb, change).map_err(failed))?;
+    writer.finish().map_err(failed)?;
+    Ok(bytes)
+}
+
+/// Returns the bytes of an animated GIF.
+fn gif(path: &Path, figures: &[Figure], width: u32, delay: Duration) -> Result<Vec<u8>> {
+    let failed = |why: gif::EncodingError| Error::io(path)(io::Error::other(why));
+    let first = first(path, figures, width)?;
+    let size = first.size.map(u16::try_from);
+    let [Ok(width), Ok(height)] = size else { return Err(invalid(path, "the picture is too large")) };
+    let mut bytes = Vec::new();
+    let mut encoder = gif::Encoder::new(&mut bytes, width, height, &[]).map_err(failed)?;
+    encoder.set_repeat(gif::Repeat::Infinite).map_err(failed)?;
+    // Delays are whole hundredths of a second, whose rounding must not add up. Browsers show frames
+    // of less than two for ten.
+    let mut ends = (1..).map(|frame: u32| (100.0 * delay.as_secs_f64().min(60.0) * f64::from(frame)).round());
+    let mut start = 0.0;
+    changes(path, figures, first, |rgb, change| {
+        let [left, top, width, height] = change.map(|length| length as u16);
+        let end = ends.next().unwrap_or(start);
+        let delay = (end - start).max(2.0) as u16;
+        start = end;
+        let colors = gif::Frame::from_rgb_speed(width, height, rgb, QUANTISATION);
+        encoder.write_frame(&gif::Frame { delay, left, top, ..colors }).map_err(failed)
+    })?;
+    drop(encoder);
+    Ok(bytes)
+}
+
+fn invalid(path: &Path, why: &str) -> Error {
+    Error::io(path)(io::Error::new(io::ErrorKind::InvalidInput, why.to_owned()))
+}
+
+/// Draws the first figure.
+fn first(path: &Path, figures: &[Figure], width: u32) -> Result<Frame> {
+    let first = figures.first().ok_or_else(|| invalid(path, "no figure to animate"))?;
+    Frame::new(first, width, path)
+}
+
+/// Calls `put` with the pixels and the place of the first frame, and of the part of each further
+/// one that differs from the frame before.
+fn changes(
+    path: &Path,
+    figures: &[Figure],
+    first: Frame,
+    mut put: impl FnMut(&[u8], Rectangle) -> Result<()>,
+) -> Result<()> {
+    let [width, height] = first.size;
+    put(&first.rgb, [0, 0, width, height])?;
+    let mut before = first;
     for figure in &figures[1..] {
-        let next = frame(figure)?;
+        let next = Frame::new(figure, width as u32, path)?;
         if next.size != before.size {
-            return Err(invalid("frames of several sizes"));
+            return Err(invalid(path, "frames of several sizes"));
         }
         let change = next.change_from(&before);
-        put(&mut writer, &next, change).map_err(failed)?;
+        put(&next.part(change), change)?;
         before = next;
     }
-    writer.finish().map_err(failed)?;
-    write_atomic(path, &bytes)
+    Ok(())
 }
 
 /// Writes a rectangle of a frame.
 fn put(
     writer: &mut Writer<&mut Vec<u8>>,
-    frame: &Frame,
+    rgb: &[u8],
     change: Rectangle,
 ) -> std::result::Result<(), EncodingError> {
     let [left, top, width, height] = change.map(|length| length as u32);
@@ -94,7 +180,7 @@ fn put(
     writer.set_frame_position(0, 0)?;
     writer.set_frame_dimension(width, height)?;
     writer.set_frame_position(left, top)?;
-    writer.write_image_data(&frame.part(change))
+    writer.write_image_data(rgb)
 }
 
 #[cfg(test)]
@@ -106,7 +192,7 @@ mod tests {
     fn frames_add_up_to_the_figures() {
         let path = std::env::temp_dir().join(format!("rebond-animation-{}.png", std::process::id()));
         let figures = ["a", "plate", "falls"].map(Figure::new);
-        write(&path, &figures, 200, Duration::from_millis(40)).unwrap();
+        write(&path, Format::Png, &figures, 200, Duration::from_millis(40)).unwrap();
         let file = io::BufReader::new(std::fs::File::open(&path).unwrap());
         let mut reader = png::Decoder::new(file).read_info().unwrap();
         let mut picture: Vec<u8> = Vec::new();
@@ -124,7 +210,7 @@ mod tests {
             assert!(picture == rgb);
         }
         std::fs::remove_file(&path).unwrap();
-        assert!(write(&path, &[], 200, Duration::ZERO).is_err() && !path.exists());
+        assert!(write(&path, Format::Png, &[], 200, Duration::ZERO).is_err() && !path.exists());
     }
 
     #[test]

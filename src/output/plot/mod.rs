@@ -60,6 +60,7 @@ pub const PICTURES: [(&str, &str); 10] = [
 /// # Errors
 /// Returns [`Error::Io`](crate::Error::Io) where a file cannot be removed.
 pub fn clear(folder: &Path) -> Result<()> {
-    let pictures = PICTURES.iter().flat_map(|(name, _)| [format!("{name}.svg"), format!("{name}.png")]);
+    let pictures =
+        PICTURES.iter().flat_map(|(name, _)| ["svg", "png", "gif"].map(|end| format!("{name}.{end}")));
     pictures.into_iter().try_for_each(|name| remove(&folder.join(FOLDER).join(name)))
 }
