@@ -255,7 +255,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
 /// Determines size and cost of a run, from a fifth of a second of it.
 ///
 /// # Errors
-/// Returns the errors that would stop the run before its first step.
+/// Returns the errors that would stop the run before its first step. A later one is a warning.
 pub fn check(scene: &Scene) -> Result<Check> {
     let native = on_native_engine(scene);
     let model = Model::new(&native)?;
@@ -265,13 +265,14 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries =
         system.engine.factor_size(&(&system.mass * inertia + &system.stiffness), &[])?.entries;
-    let Watched { set_up, seconds_per_step, touches, snapshot } = stopwatch(&native, &model)?;
+    let Watched { set_up, seconds_per_step, touches, failure, snapshot } = stopwatch(&native, &model)?;
     // One snapshot at the start, and one at the end if no other is due there.
     let count = scene.output.fields.map_or(0, |fields| 1 + scene.time.steps().div_ceil(fields.every));
     let snapshots = snapshot.map(|(bytes, _)| bytes * count);
     let (advised_step, energy_step) =
         (advised_for(scene, &frequencies), energy_step_for(scene, &frequencies));
     let mut warnings = warnings::judged(scene, &model.warnings, Some((&model, &frequencies)));
+    warnings.extend(failure.map(|failure| format!("the run stops early: {failure}")));
     let modal = modal_figures::figures(scene, &model, None, &mut warnings)?;
     let steps = scene.time.steps();
     let drawing = snapshot.map_or(0.0, |(_, seconds)| seconds * count as f64);
@@ -326,6 +327,8 @@ struct Watched {
     seconds_per_step: f64,
     /// Whether anything touches in its first steps.
     touches: bool,
+    /// Why it stops among its first steps.
+    failure: Option<Error>,
     /// Size of a snapshot, in bytes, and its time, in s; `None` where the scene asks for none.
     snapshot: Option<(u64, f64)>,
 }
@@ -376,13 +379,9 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<Watched> {
     let mut first = FirstSteps { begin: clock, steps: 0, seconds: 0.0, touches: false, line: String::new() };
     let still = Scene { output: Output { fields: None, ..scene.output.clone() }, ..scene.clone() };
     let (_, ended) = simulation::run_scheme(&still, model, scheme, set_up, &mut first)?;
-    if let Err(error) = ended
-        && !matches!(error, Error::Interrupted { .. })
-    {
-        return Err(error);
-    }
+    let failure = ended.err().filter(|error| !matches!(error, Error::Interrupted { .. }));
     let FirstSteps { steps, seconds, touches, .. } = first;
-    Ok(Watched { set_up, seconds_per_step: seconds / steps.max(1) as f64, touches, snapshot })
+    Ok(Watched { set_up, seconds_per_step: seconds / steps.max(1) as f64, touches, failure, snapshot })
 }
 
 /// Returns the memory of a scheme's dense arrays, in bytes.

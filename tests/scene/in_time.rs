@@ -145,3 +145,9 @@ fn the_largest_load_lies_between_any_instants() {
         assert!((largest / peak - 1.0).abs() <= 2e-6, "{value}: {largest}");
     }
 }
+
+#[test]
+fn runs_that_stop_at_their_first_step_are_said() {
+    let said = warnings("load.pressure = \"1e20*step(t - 0.0005)\"", "the run stops early: step ");
+    assert!(said.len() == 1 && said[0].contains("energy"), "{said:?}");
+}
