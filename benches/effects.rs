@@ -30,7 +30,7 @@ const WATCH: [Duration; 2] = [Duration::from_secs(10), Duration::from_secs(2)];
 const NOTHING: f64 = 0.02;
 
 /// Name of a scene, its content, and whether its effects are absent.
-const SCENES: [(&str, &str, bool); 15] = [
+const SCENES: [(&str, &str, bool); 16] = [
     ("bare", "", true),
     ("bare, again", "", true),
     ("no load", "load = { pressure = 0, gravity = 0 }", true),
@@ -40,6 +40,7 @@ const SCENES: [(&str, &str, bool); 15] = [
     ("load in time", "load.pressure = \"-1e-3*x*sin(9*t)\"", false),
     ("travelling load", "load.pressure = \"-1e-3*exp(x - t)\"", false),
     ("damping", "damping = { mass = 1, stiffness = 1e-6 }", false),
+    ("prestress", "in_plane.tension.xx = 1e4", false),
     ("obstacle out of reach", "obstacle = [{ side = \"below\", height = -1e3 }]", false),
     ("stop out of reach", "obstacle = [{ side = \"below\", height = -1e3, at = [1.2, 0] }]", false),
     ("contact", "obstacle = [{ side = \"below\", height = -0.2 }]\nload.pressure = -14600", false),

@@ -10,7 +10,7 @@
 //! Entry `i` of a vector and row `i` of a matrix belong to dof `i` of the cell: a force, in N, for
 //! a deflection, and a couple, in N m, for a slope.
 
-use nalgebra::{DMatrix, Matrix3, SMatrix, SVector};
+use nalgebra::{DMatrix, Matrix2, Matrix3, SMatrix, SVector};
 
 use crate::element::Element;
 use crate::element::quadrature::{self, Node, Rule};
@@ -237,6 +237,24 @@ pub fn mass_by<const N: usize>(
         }
     }
     (mass + mass.transpose()) / 2.0
+}
+
+/// Returns the geometric stiffness `$\int N_{ab}\, \partial_a \phi_i\, \partial_b \phi_j$` of a
+/// membrane force (N/m) over the cell, N x N and symmetric to the bit, in N/m between deflections.
+pub fn geometric_stiffness<const N: usize>(
+    element: &Element<N>,
+    rule: Rule,
+    force: impl Fn(Point) -> Matrix2<f64>,
+) -> SMatrix<f64, N, N> {
+    let mut stiffness = SMatrix::zeros();
+    for (number, piece) in element.pieces.iter().enumerate() {
+        for &(barycentric, weight) in rule.of(number) {
+            let force = force(element.point(number, barycentric)) * (weight * piece.area());
+            let gradient = piece.basis(barycentric).gradient;
+            stiffness += gradient.tr_mul(&(force * gradient));
+        }
+    }
+    (stiffness + stiffness.transpose()) / 2.0
 }
 
 /// Returns the integrals `$\int \phi_i$` of the basis functions over the cell, N entries, exact up

@@ -13,6 +13,8 @@
 //! linear across the thickness, with `$\sigma_{ab} = 6 M_{ab} / h^2$` at the upper surface and the
 //! opposite at the lower one.
 //!
+//! Forces N in the plane add `$N_{ab} / h$` at both surfaces.
+//!
 //! Source: S. P. Timoshenko and S. Woinowsky-Krieger, *Theory of Plates and Shells*, 1959, chapter
 //! 4, where z, deflection and load point downward together. Its moments are those above for loads
 //! that point upward.
@@ -47,7 +49,7 @@ impl PlateSurface {
     }
 }
 
-/// Bending moments per unit length at a point, in N m/m.
+/// Bending moments per unit length at a point, in N m/m; stresses have the same components, in Pa.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Moments {
     /// Moment of the stresses along x, M_xx.
@@ -63,6 +65,30 @@ impl Moments {
     pub fn of_curvature(section: &Section, curvature: [f64; 3]) -> Moments {
         let [xx, yy, xy] = (section.moment_per_curvature() * Vector3::from(curvature)).into();
         Moments { xx, yy, xy }
+    }
+
+    /// Returns the stresses at a surface (Pa), given stresses by bending at the upper surface and
+    /// those of the mid-plane.
+    pub fn at(self, surface: PlateSurface, middle: Moments) -> Moments {
+        let sign = surface.sign();
+        Moments {
+            xx: sign * self.xx + middle.xx,
+            yy: sign * self.yy + middle.yy,
+            xy: sign * self.xy + middle.xy,
+        }
+    }
+
+    /// Returns the moments times a factor.
+    pub fn times(self, factor: f64) -> Moments {
+        Moments { xx: factor * self.xx, yy: factor * self.yy, xy: factor * self.xy }
+    }
+
+    /// Returns the surface with the larger von Mises stress and that stress (Pa), given stresses by
+    /// bending at the upper surface and those of the mid-plane; the upper one where both are alike.
+    pub fn larger(self, middle: Moments) -> (PlateSurface, f64) {
+        let [top, bottom] =
+            [PlateSurface::Top, PlateSurface::Bottom].map(|surface| self.at(surface, middle).von_mises());
+        if bottom > top { (PlateSurface::Bottom, bottom) } else { (PlateSurface::Top, top) }
     }
 
     /// Returns the largest and the least moment over all directions.

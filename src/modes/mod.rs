@@ -10,6 +10,7 @@
 
 mod basis;
 mod blocks;
+pub mod buckling;
 mod dense;
 mod inverse;
 mod kept;

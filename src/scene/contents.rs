@@ -4,6 +4,7 @@ use super::attachments::Attachments;
 use super::damping::Damping;
 use super::document::quote;
 use super::entry::{Entry, Kind, SceneText, Schema, Table, flat, if_given, object, section, table, tables};
+use super::in_plane::InPlane;
 use super::initial::Initial;
 use super::kinds::{parameter, shortest, string, text};
 use super::loads::Load;
@@ -49,6 +50,8 @@ table! {
         attachments: Attachments = flat();
         /// Dry friction at nodes.
         sliders: Vec<Slider> = tables("slider", "at and force");
+        /// Forces in the plane of the plate; `None` costs nothing.
+        in_plane: Option<InPlane> = if_given();
         /// Damping: Rayleigh's coefficients, and damping of single modes; `None` costs nothing.
         damping: Option<Damping> = if_given();
         /// Initial state: deflection and velocity at the start; by default at rest and flat.

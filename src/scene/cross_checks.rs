@@ -19,6 +19,7 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_from(doc, scene)?;
     check_jumps(doc, scene)?;
     check_accelerations(doc, scene)?;
+    scene.in_plane.iter().try_for_each(|in_plane| in_plane.check(doc))?;
     check_scheme(doc, scene)
 }
 

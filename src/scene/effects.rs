@@ -17,6 +17,7 @@ impl Scene {
         add(self.plate.thickness.is_some(), "varying thickness");
         add(self.plate.plate.orthotropy.is_some(), "orthotropic material");
         add(!self.parts.is_empty(), "parts of other material or thickness");
+        add(self.in_plane.is_some(), "prestress");
         add(self.supports.iter().any(|support| support.elastic.is_some()), "elastic edges");
         self.attachments.effects().iter().for_each(|(is_on, name)| add(*is_on, name));
         for (side, name) in [(Side::Below, "below"), (Side::Above, "above")] {

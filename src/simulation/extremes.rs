@@ -25,8 +25,8 @@ pub struct StressPeak {
     pub time: f64,
     /// Position of the node, in m.
     pub at: [f64; 2],
-    /// Surface at which the principal stress of larger magnitude is tensile. The von Mises stress
-    /// is the same at both surfaces.
+    /// Surface at which the principal stress of larger magnitude is tensile: the von Mises stress
+    /// is the same at both surfaces. With forces in the plane, the surface of the larger stress.
     pub surface: PlateSurface,
 }
 
@@ -46,6 +46,8 @@ pub(super) struct StressSites {
     curvatures: CurvaturesOfShape,
     /// Stresses at the upper surface per curvature (w_xx, w_xy, w_yy), in N/m, one entry per site.
     stress_per_curvature: Vec<Matrix3<f64>>,
+    /// Stresses of the mid-plane, in Pa, one entry per site; empty without forces in the plane.
+    middle: Vec<Moments>,
     places: Vec<Place>,
     /// Sites of the nodes of each cell.
     cells: Vec<Vec<usize>>,
@@ -58,7 +60,8 @@ struct SitePeak {
     square: f64,
     /// Time, in s.
     time: f64,
-    /// Sum of the normal stresses at the upper surface, in Pa.
+    /// Sum of the normal stresses at the upper surface, in Pa. With forces in the plane it only
+    /// tells by its sign which surface has the larger stress.
     trace: f64,
 }
 
@@ -103,7 +106,11 @@ impl StressSites {
             Ok(section.moment_per_curvature() * section.stress_per_moment())
         };
         let stresses: Result<Vec<Matrix3<f64>>> = sites.iter().zip(&cell_of).map(stress).collect();
+        let middle = sites.iter().zip(&cell_of).filter(|_| scene.in_plane.is_some());
+        let middle = middle.map(|(site, &cell)| curvatures.middle(cell, mesh.nodes[site.node]));
+        let middle: Result<Vec<Moments>> = middle.collect();
         Ok(Some(StressSites {
+            middle: ground.comm().all_ok(middle)?,
             motion: motion.clone(),
             curvatures: curvatures.of_shape(ground.partition),
             stress_per_curvature: ground.comm().all_ok(stresses)?,
@@ -153,10 +160,16 @@ impl StressWatch {
     /// # Errors
     /// Returns the errors of the support motions and of the engine.
     pub fn note<E: Engine>(&mut self, engine: &E, u: &[f64], time: f64) -> Result<()> {
-        for (peak, stress) in self.peaks.iter_mut().zip(self.sites.stresses(&engine.to_local(u)?, time)?) {
-            let square = stress.von_mises_square();
-            if square > peak.square {
-                *peak = SitePeak { square, time, trace: stress.xx + stress.yy };
+        let displacement = engine.to_local(u)?;
+        let stresses = self.sites.stresses(&displacement, time)?;
+        for (site, (peak, stress)) in self.peaks.iter_mut().zip(stresses).enumerate() {
+            let mut now = SitePeak { square: stress.von_mises_square(), time, trace: stress.xx + stress.yy };
+            if let Some(middle) = self.sites.middle.get(site) {
+                let (surface, value) = stress.larger(*middle);
+                (now.square, now.trace) = (value * value, surface.sign() * value);
+            }
+            if now.square > peak.square {
+                *peak = now;
             }
         }
         Ok(())

@@ -67,6 +67,7 @@ use crate::energy::Guard;
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, LinearCombination, Native};
 use crate::mesh::Mesh;
+use crate::modes::buckling::Buckling;
 use crate::partition::{Partition, WholeMesh};
 use crate::plate::Sections;
 use crate::scene::{ContactSolver, EngineName, Mass, Scene};
@@ -151,6 +152,25 @@ pub fn sections<'s>(scene: &'s Scene, mesh: &Mesh) -> Result<impl Sections + use
 /// Returns the same errors as [`Model::new`].
 pub fn mechanism(scene: &Scene, mesh: &Mesh) -> Result<Option<&'static str>> {
     on_ground(scene, mesh, &holds(scene, mesh)?, effects::mechanism)
+}
+
+/// Returns the multiple of the forces in the plane at which the plate of a scene buckles, nearest
+/// to zero and negative for reversed forces, with the place (m) of the largest deflection.
+/// `None` where it does not buckle.
+///
+/// # Errors
+/// Returns the same errors as [`Model::new`].
+pub fn buckling(scene: &Scene, mesh: &Mesh) -> Result<Option<(f64, [f64; 2])>> {
+    on_ground(scene, mesh, &holds(scene, mesh)?, |ground| {
+        let engine = Native::with_layout(ground.space.layout(mesh));
+        let Some(Buckling { factor, shape }) = effects::buckling::load(ground, &engine)? else {
+            return Ok(None);
+        };
+        let deflection =
+            |&node: &usize| -> f64 { ground.space.deflection(node).map_or(0.0, |dof| shape[dof].abs()) };
+        let largest = (0..mesh.nodes.len()).max_by(|a, b| deflection(a).total_cmp(&deflection(b)));
+        Ok(Some((factor, mesh.nodes[largest.unwrap_or(0)].into())))
+    })
 }
 
 /// Returns the matrices of a scene on its mesh, over the free dofs if `supported`, else over all

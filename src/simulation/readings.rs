@@ -24,6 +24,8 @@ struct Reading {
     /// Deflection, slope, or the components xx, yy and xy of the moments or of the stresses at the
     /// upper surface.
     terms: Vec<FramedProbe>,
+    /// Stresses of the mid-plane, in Pa.
+    middle: Moments,
 }
 
 /// Quantities at the probes.
@@ -80,7 +82,9 @@ impl Readings {
                 }
                 _ => vec![deflection.clone()],
             };
-            Ok(Reading { quantity, terms })
+            let middle = curvatures
+                .map_or(Ok(Moments::default()), |curvatures| curvatures.middle_at(ground, probe.at))?;
+            Ok(Reading { quantity, terms, middle })
         };
         let readings = ground.scene.output.probes.iter().zip(deflections).map(reading);
         let motions = lifts.iter().map(|lift| lift.motion.clone()).collect();
@@ -210,7 +214,7 @@ impl Reading {
     fn value(&self, sums: &[f64]) -> f64 {
         let [xx, yy, xy] = [0, 1, 2].map(|k| sums.get(k).copied().unwrap_or(0.0));
         let moments = Moments { xx, yy, xy };
-        let value = |component: StressComponent| match component {
+        let part = |moments: Moments, component: StressComponent| match component {
             StressComponent::Xx => moments.xx,
             StressComponent::Yy => moments.yy,
             StressComponent::Xy => moments.xy,
@@ -218,17 +222,9 @@ impl Reading {
             StressComponent::Min => moments.principal()[1],
         };
         match self.quantity {
-            ProbeQuantity::Moment(component) => value(component),
-            ProbeQuantity::Stress(component, surface) => {
-                // Principal stresses keep their order where the sign turns.
-                let component = match (component, surface.sign() < 0.0) {
-                    (StressComponent::Max, true) => StressComponent::Min,
-                    (StressComponent::Min, true) => StressComponent::Max,
-                    (component, _) => component,
-                };
-                surface.sign() * value(component)
-            }
-            ProbeQuantity::VonMises(_) => moments.von_mises(),
+            ProbeQuantity::Moment(component) => part(moments, component),
+            ProbeQuantity::Stress(component, surface) => part(moments.at(surface, self.middle), component),
+            ProbeQuantity::VonMises(surface) => moments.at(surface, self.middle).von_mises(),
             _ => xx,
         }
     }

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
-use crate::stress::Moments;
+use crate::stress::{Moments, PlateSurface};
 
 /// Moments and stresses of a snapshot.
 #[derive(Debug, Clone, Default)]
@@ -19,7 +19,8 @@ pub struct SnapshotStresses {
     pub principal: Vec<[f64; 2]>,
     /// Recovered stresses xx, yy and xy at the upper surface, in Pa, one entry per point.
     pub stress_top: Vec<[f64; 3]>,
-    /// Von Mises stress of the recovered moments, in Pa, one entry per point.
+    /// Von Mises stress of the recovered moments, in Pa, one entry per point; the larger of both
+    /// surfaces where there are forces in the plane.
     pub von_mises: Vec<f64>,
     /// Moments of the element itself at the centre of each small cell, in N m/m.
     pub moment_raw: Vec<[f64; 3]>,
@@ -31,6 +32,8 @@ pub struct SnapshotStresses {
 struct Sampled<W> {
     cell: usize,
     section: Section,
+    /// Stresses of the mid-plane, in Pa.
+    middle: Moments,
     weights: W,
 }
 
@@ -70,21 +73,23 @@ impl StressFields {
     pub fn sample(&self, cells: &[CellArrays], shape: &[f64]) -> Result<SnapshotStresses> {
         let mut sampled = SnapshotStresses::default();
         let curvatures = (self.curvatures)(shape)?;
-        for Sampled { cell, section, weights } in &self.points {
+        for Sampled { cell, section, middle, weights } in &self.points {
             let curvature =
                 sum(weights.iter().copied().zip(self.sites[*cell].iter().map(|&site| curvatures[site])));
             let moments = Moments::of_curvature(section, curvature);
             let Moments { xx, yy, xy } = moments;
             sampled.moment.push([xx, yy, xy]);
             sampled.principal.push(moments.principal());
-            sampled.stress_top.push([xx, yy, xy].map(|moment| section.stress_per_moment() * moment));
-            sampled.von_mises.push(section.stress_per_moment() * moments.von_mises());
+            let bending = moments.times(section.stress_per_moment());
+            let Moments { xx, yy, xy } = bending.at(PlateSurface::Top, *middle);
+            sampled.stress_top.push([xx, yy, xy]);
+            sampled.von_mises.push(bending.larger(*middle).1);
         }
-        for Sampled { cell, section, weights } in &self.centres {
+        for Sampled { cell, section, middle, weights } in &self.centres {
             let curvature = sum(cells[*cell].values(shape).into_iter().zip(weights.iter().copied()));
             let moments = Moments::of_curvature(section, curvature);
             sampled.moment_raw.push([moments.xx, moments.yy, moments.xy]);
-            sampled.von_mises_raw.push(section.stress_per_moment() * moments.von_mises());
+            sampled.von_mises_raw.push(moments.times(section.stress_per_moment()).larger(*middle).1);
         }
         Ok(sampled)
     }
@@ -106,13 +111,15 @@ fn sampled<P: Partition>(
     let point = |(place, &cell): (&[f64; 2], &usize)| {
         let place = Point::from(*place);
         let weights = assembly::vertex_weights(&mesh.element(cell)?, place);
-        Ok(Sampled { cell, section: body.section(cell, place)?, weights })
+        let (section, middle) = (body.section(cell, place)?, curvatures.middle(cell, place)?);
+        Ok(Sampled { cell, section, middle, weights })
     };
     let centre = |(corners, &cell): (&Vec<usize>, &usize)| {
         let sum = |axis: usize| corners.iter().map(|&corner| points[corner][axis]).sum::<f64>();
         let place = Point::new(sum(0), sum(1)) / corners.len() as f64;
         let weights = mesh.element(cell)?.basis_at(place).iter().map(|basis| basis.hessian).collect();
-        Ok(Sampled { cell, section: body.section(cell, place)?, weights })
+        let (section, middle) = (body.section(cell, place)?, curvatures.middle(cell, place)?);
+        Ok(Sampled { cell, section, middle, weights })
     };
     let sampled = points.iter().zip(cell_of).map(point).collect::<Result<_>>()?;
     Ok((sampled, small.iter().zip(parents).map(centre).collect::<Result<_>>()?))

@@ -11,6 +11,7 @@ use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
 use crate::scene::Scene;
+use crate::stress::Moments;
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 
@@ -20,6 +21,7 @@ pub(super) type CurvaturesOfShape = Box<dyn Fn(&[f64]) -> Result<Vec<[f64; 3]>>>
 
 /// Recovery of the curvatures of a scene's plate, with its sections.
 pub(super) struct PlateCurvatures<'s> {
+    scene: &'s Scene,
     pub body: PlateAssembly<'s>,
     pub recovery: Recovery,
     /// Number of parts of the plate, the plate outside all of them included.
@@ -46,7 +48,31 @@ impl<'s> PlateCurvatures<'s> {
         let body = PlateAssembly::new(scene, mesh, partition.comm())?;
         let parts = scene.parts.len() + 1;
         let recovery = Recovery::new(mesh, &ground.cells, &|cell| body.part(cell), parts, partition)?;
-        Ok(PlateCurvatures { body, recovery, parts })
+        Ok(PlateCurvatures { scene, body, recovery, parts })
+    }
+
+    /// Returns the stresses of the mid-plane at a point of a cell, in Pa: 0 without forces in the
+    /// plane.
+    pub fn middle(&self, cell: usize, point: Point) -> Result<Moments> {
+        let Some(in_plane) = &self.scene.in_plane else { return Ok(Moments::default()) };
+        let [xx, yy, xy] = in_plane.tension.components().map(|component| component.at(point, 0.0));
+        Ok(Moments { xx: xx?, yy: yy?, xy: xy? }.times(1.0 / self.body.section(cell, point)?.thickness))
+    }
+
+    /// Returns the stresses of the mid-plane at a point of the plate, in Pa: the mean over all
+    /// cells that contain the point. Collective.
+    pub fn middle_at<P: Partition>(&self, ground: &BuildContext<P>, place: [f64; 2]) -> Result<Moments> {
+        let (comm, point) = (ground.partition.comm(), Point::from(place));
+        if self.scene.in_plane.is_none() {
+            return Ok(Moments::default());
+        }
+        let around = ground.mesh.cells_at(point).map(|cell| self.middle(cell, point));
+        let around: Vec<Moments> = comm.all_ok(around.collect())?;
+        let sums = around
+            .iter()
+            .fold([0.0; 4], |[count, x, y, z], Moments { xx, yy, xy }| [count + 1.0, x + xx, y + yy, z + xy]);
+        let sums = comm.all_reduce_sum_slice(&sums);
+        Ok(Moments { xx: sums[1], yy: sums[2], xy: sums[3] }.times(1.0 / sums[0].max(1.0)))
     }
 
     /// Returns the function that recovers curvatures.

@@ -65,6 +65,12 @@ pub struct Inspection {
     pub mass: f64,
     /// Rigid motions that the supports permit, in words.
     pub mechanism: Option<&'static str>,
+    /// Multiple of the forces in the plane at which the plate buckles, nearest to zero; negative
+    /// for reversed forces, `None` where it does not buckle.
+    pub buckling_factor: Option<f64>,
+    /// Place of the largest deflection of a buckled plate, in m.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub buckles_at: Option<[f64; 2]>,
     /// Initial energy E_0, in J; `None` where a mechanism under load has no static deflection.
     pub initial_energy: Option<f64>,
     /// Static deflections at the probes.
@@ -176,6 +182,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         model = Model::new(&native);
     }
     let model = model?;
+    let buckling = simulation::buckling(scene, &mesh)?;
     let Model { system, .. } = &model;
     let (engine, stiffness) = (&system.engine, &system.stiffness);
     let Matrices { consistent, singular: rows, .. } = simulation::matrices(scene, &mesh, true)?;
@@ -238,6 +245,8 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         bounded_dofs: system.bounds.len(),
         mass,
         mechanism,
+        buckling_factor: buckling.map(|(factor, _)| factor),
+        buckles_at: buckling.map(|(_, place)| place),
         initial_energy: (!no_start).then(|| initial_energy(&model)).transpose()?,
         deflections,
         largest_stress,
@@ -459,6 +468,10 @@ impl fmt::Display for Inspection {
         let mut report = Report::new(&self.title);
         sizes(&mut report, [self.nodes, self.cells, self.dofs, self.bounded_dofs]);
         report.number("mass", self.mass, "kg");
+        report.optional("buckling factor", self.buckling_factor, "");
+        if let Some([x, y]) = self.buckles_at {
+            report.text("  buckles at", format!("({}, {}) m", significant(x), significant(y)));
+        }
         report.optional("initial energy", self.initial_energy, "J");
         for Deflection { probe, start, loaded, .. } in &self.deflections {
             report.optional(&format!("{probe}, start"), *start, "m");

@@ -102,6 +102,7 @@ fn a_ball_and_all_that_is_attached() {
             spring = [{{ at = [0.25, 0.25], stiffness = 1e4 }}]
             mass = [{{ at = [0.75, 0.35], mass = 2 }}, {{ at = [0.6, 0.1], mass = 3 }}, {{ at = [0.0, 0.2], mass = 4 }}]
             foundation = [{{ stiffness = "2e4*x", where = "y < 0.2" }}]
+            in_plane.tension = {{ xx = 2e4, yy = "-1e3*x", xy = "exp(9*y)" }}
             rib = [{{ line = [[0.1, 0.05], [1.15, 0.3]], bending = 2e3, torsion = 5e2, mass = 4 }}, {{ edge = "top", bending = 1e3, mass = 2 }}]
             time = {{ scheme = "newmark", mass = "singular", step = 2e-4, end = 0.08 }}
             output = {{ probes = [{{ name = "centre", at = [0.6, 0.2] }}, {{ name = "ball", ball = 0 }}, {{ name = "other", ball = 1 }}] }}

@@ -17,6 +17,7 @@ mod mixed_cells;
 mod modes;
 mod moments;
 mod obstacle_plate;
+mod prestress;
 mod products;
 mod point_masses;
 mod points;

@@ -14,6 +14,7 @@ use crate::linalg::ElementMatrix;
 use crate::mesh::Point;
 use crate::scene::FieldInput;
 use std::collections::HashMap;
+use std::ops::Range;
 use std::rc::Rc;
 
 /// Contributions of effects to the equations of motion, on this process's part of the plate.
@@ -21,6 +22,8 @@ use std::rc::Rc;
 pub(in crate::simulation) struct Contributions {
     /// Matrices of single cells in K.
     pub stiffness: Vec<CellStiffness>,
+    /// Places of the geometric stiffness of membrane forces in `stiffness`; empty without any.
+    pub prestress: Range<usize>,
     /// Springs at points in K, in N/m.
     pub springs: Vec<PointTerm>,
     /// Dashpots at points in C, in N s/m.

@@ -2,7 +2,7 @@
 
 use super::contributions::PointTerm;
 use super::ground::BuildContext;
-use crate::assembly;
+use crate::assembly::{self, Probe};
 use crate::error::Result;
 use crate::linalg::{ElementMatrix, SingularMassCell};
 use crate::partition::Partition;
@@ -20,6 +20,19 @@ impl<P: Partition> BuildContext<'_, P> {
         }
         blocks.extend(self.terms.linked(|link| link.stiffness, blocks.len()));
         blocks
+    }
+
+    /// Returns K without membrane forces, with springs of 1 N/m at the gaps of bodies, and the
+    /// geometric stiffness of these forces.
+    pub(super) fn without_prestress(&self) -> [Vec<ElementMatrix>; 2] {
+        let mut blocks = self.stiffness();
+        let count = blocks.len();
+        let first = self.cells.len() + self.terms.prestress.start;
+        let geometric = blocks.drain(first..first + self.terms.prestress.len()).collect();
+        let gaps = self.terms.bodies.iter().map(|body| Probe::default().with(body.gap, 1.0));
+        let springs = gaps.enumerate().map(|(k, gap)| gap.spring(1.0, count + k));
+        blocks.extend(springs);
+        [blocks, geometric]
     }
 
     /// Returns `$M_r$`.

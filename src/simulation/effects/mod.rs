@@ -8,6 +8,7 @@
 
 mod attribution;
 mod bearing;
+pub(super) mod buckling;
 mod contributions;
 mod damping;
 mod ground;
@@ -124,6 +125,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
 
     // M and K.
     let stiffness = engine.native().form(ground.stiffness());
+    buckling::require_stable(ground, &engine, mechanism)?;
     let (mass, doubt) = inertia::mass(&engine, ground, &stiffness, mechanism.is_some())?;
     warnings.extend(doubt);
     let mut system = System {

@@ -6,9 +6,12 @@ mod elastic_edges;
 mod foundations;
 mod loads;
 mod masses;
+mod prestress;
 mod ribs;
 mod springs;
 mod stop_springs;
+
+pub(super) use prestress::presses;
 
 use crate::assembly;
 use crate::communicator::Communicator;
@@ -32,6 +35,7 @@ type Effect<P> = fn(&BuildContext<P>, &mut Contributions) -> Result<()>;
 fn effects<P: Partition>() -> Vec<Effect<P>> {
     vec![
         foundations::add,
+        prestress::add,
         elastic_edges::add,
         ribs::add,
         springs::add,

@@ -1,0 +1,57 @@
+//! Stability of a plate under the forces in its plane.
+
+use super::ground::BuildContext;
+use super::of_cells::OfCells;
+use super::registry::presses;
+use crate::error::{Error, Result};
+use crate::linalg::Form;
+use crate::modes::buckling::{self, Buckling};
+use crate::partition::Partition;
+
+/// Returns the forms of K without the forces in the plane, and of their geometric stiffness.
+fn forms<E: OfCells, P: Partition>(ground: &BuildContext<P>, engine: &E) -> [Form; 2] {
+    ground.without_prestress().map(|blocks| engine.native().form(blocks))
+}
+
+/// Returns an error where the forces in the plane exceed the buckling load. Collective.
+///
+/// # Errors
+/// Returns [`Error::Scene`] with the buckling load, and the errors of the engine.
+pub(super) fn require_stable<E: OfCells, P: Partition>(
+    ground: &BuildContext<P>,
+    engine: &E,
+    mechanism: Option<&str>,
+) -> Result<()> {
+    if !presses(ground)? {
+        return Ok(());
+    }
+    if let Some(motion) = mechanism {
+        return Err(Error::Scene(format!(
+            "in_plane.tension presses a plate that the supports leave a mechanism: {motion}; expected supports that hold it"
+        )));
+    }
+    let [stiffness, geometric] = forms(ground, engine);
+    if buckling::bears(engine, [&stiffness, &geometric])? {
+        return Ok(());
+    }
+    let factor = buckling::lowest(engine, [&stiffness, &geometric])?.map_or(0.0, |load| load.factor);
+    Err(Error::Scene(format!(
+        "in_plane.tension: the plate buckles at {factor:.4} times these forces; expected less pressure"
+    )))
+}
+
+/// Returns the buckling load of the forces in the plane; `None` without any, or where none buckles
+/// the plate. Collective.
+///
+/// # Errors
+/// Returns the errors of [`buckling::lowest`].
+pub(in crate::simulation) fn load<E: OfCells, P: Partition>(
+    ground: &BuildContext<P>,
+    engine: &E,
+) -> Result<Option<Buckling>> {
+    if ground.scene.in_plane.is_none() {
+        return Ok(None);
+    }
+    let [stiffness, geometric] = forms(ground, engine);
+    buckling::lowest(engine, [&stiffness, &geometric])
+}
