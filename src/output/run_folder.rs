@@ -4,7 +4,7 @@ use super::checkpoint::{Checkpoint, Identity};
 use super::contacts::Contact;
 use super::history::Table;
 use super::plot::perspective::{self, ColorBy};
-use super::plot::{Figure, Obstacle, forces, run};
+use super::plot::{Figure, Obstacle, forces, plan, run};
 use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Surface};
 use super::{checkpoint, contacts, extremes, history, if_there, summary};
@@ -28,6 +28,11 @@ pub(crate) struct RunFolder {
     /// Heights of the obstacles at each probe, in m.
     opposite: BTreeMap<String, Vec<f64>>,
 }
+
+/// Stress of the plan, which is the same at both faces in bending.
+const LARGEST: &str = "Largest at either face,";
+/// Largest number of snapshots that are read for this.
+const MOST_STRESSES: usize = 100;
 
 /// Pictures of a run by name, and remarks on those that it lacks.
 type RunPictures = (Vec<(&'static str, Figure)>, Vec<&'static str>);
@@ -110,7 +115,7 @@ impl RunFolder {
 
     /// Draws all pictures; spectra have natural frequencies (Hz), where these are known.
     pub fn pictures(&self, natural: &[f64]) -> Result<RunPictures> {
-        let RunFolder { folder, summary, table, contacts, opposite, .. } = self;
+        let RunFolder { summary, table, contacts, opposite, .. } = self;
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
         let snapshots = self.surfaces(perspective::MOST)?;
@@ -129,7 +134,7 @@ impl RunFolder {
         let mut absent = Vec::new();
         match contacts {
             Some(contacts) if !contacts.is_empty() => {
-                figures.push(("contacts", run::contacts(contacts, table, title, outline)));
+                figures.push(("contacts", run::contacts(contacts, table, title, &outline)));
             }
             Some(_) => absent.push("no contacts: nothing touched"),
             None => absent.push("no contacts: the scene has neither obstacles nor balls"),
@@ -152,13 +157,37 @@ impl RunFolder {
             }
             figures.push(("snapshots", perspective::colored(snapshots, title, ColorBy::Deflection)));
         }
-        if let Some(path) = extremes::find(folder) {
-            figures.push((
-                "extremes",
-                perspective::colored(vec![(0.0, vtu::read(&path)?)], title, ColorBy::Envelope),
-            ));
+        match self.largest_stress()? {
+            Some((surface, what)) => figures.push(("extremes", plan::stress(surface, title, &what))),
+            None => {
+                absent.push("no plan of stresses: the run watched none (output.extremes or output.stresses)")
+            }
         }
         Ok((figures, absent))
+    }
+
+    /// Reads the largest stress at each point of the plate, over all steps or, where the run did
+    /// not watch these, over its snapshots; tells which.
+    fn largest_stress(&self) -> Result<Option<(Surface, String)>> {
+        if let Some(path) = extremes::find(&self.folder) {
+            return Ok(Some((vtu::read(&path)?, format!("{LARGEST} of all steps"))));
+        }
+        let mut sum: Option<Surface> = None;
+        let snapshots = perspective::spread(&self.snapshots, MOST_STRESSES);
+        for (_, path) in &snapshots {
+            let surface = vtu::read(path)?;
+            if surface.von_mises.is_empty() {
+                return Ok(None);
+            }
+            match &mut sum {
+                Some(sum) => {
+                    let stresses = sum.von_mises.iter_mut().zip(surface.von_mises);
+                    stresses.for_each(|(sum, stress)| *sum = sum.max(stress));
+                }
+                None => sum = Some(surface),
+            }
+        }
+        Ok(sum.map(|surface| (surface, format!("{LARGEST} of {} snapshots", snapshots.len()))))
     }
 }
 

@@ -179,7 +179,7 @@ fn the_contact_map_numbers_nodes_as_the_file_does() {
         .unwrap();
     let table = history::read(&folder).unwrap();
     let path = folder.join("contacts.svg");
-    plot::run::contacts(&all, &table, "", Vec::new()).write_svg(&path).unwrap();
+    plot::run::contacts(&all, &table, "", &[]).write_svg(&path).unwrap();
     let svg = fs::read_to_string(path).unwrap();
     for number in ["731", "54", "209"] {
         assert!(svg.contains(&format!(">{number}<")), "{number} in {svg}");

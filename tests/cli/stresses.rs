@@ -2,7 +2,7 @@
 
 use crate::common::command::{self, rebond, succeeds, summary};
 use crate::common::models::PAPER_PLATE;
-use rebond::output::{extremes, vtu};
+use rebond::output::{extremes, text, vtu};
 
 /// The envelope has the largest stress of the summary, no snapshot exceeds it, and the pictures
 /// are drawn, with a panel per quantity of the probes.
@@ -47,8 +47,18 @@ fn envelope_snapshots_and_pictures() {
     let forces = std::fs::read_to_string(run.join("plots/forces.svg")).unwrap();
     assert!(forces.contains("gap (mm)") && forces.contains("time ("), "a compliant stop over time and gap");
     let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();
-    let [x, y] = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
-    assert!(picture.contains(&format!("largest at ({x}, {y}) m")), "the place of the largest stress");
+    let at = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
+    assert!(picture.contains(&format!(" at {}", text::place(at))), "the place of the largest stress");
+    let bar = "von Mises stress (MPa)";
+    assert!(picture.contains(bar) && picture.contains("of all steps"), "{picture}");
+    std::fs::remove_file(extremes::find(&run).unwrap()).unwrap();
+    succeeds(&rebond(&folder, &["plot", "run"]));
+    let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();
+    assert!(picture.contains(bar) && picture.contains("of 6 snapshots"), "{picture}");
+    let arguments = ["run", "fall.toml", "--set", "output.stresses=false", "--set", "output.extremes=false"];
+    succeeds(&rebond(&folder, &[&arguments[..], &["--out", "plain"]].concat()));
+    let told = succeeds(&rebond(&folder, &["plot", "plain"]));
+    assert!(told.contains("no plan of stresses") && told.contains("output.extremes"), "{told}");
     let told = succeeds(&rebond(&folder, &["inspect", "fall.toml"]));
     assert!(told.contains("largest von Mises stress, start"));
 }

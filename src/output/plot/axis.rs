@@ -35,6 +35,8 @@ pub struct Axis {
     names: Vec<String>,
     /// Magnitude that chooses the SI prefix, where it is not that of the axis itself.
     magnitude: Option<f64>,
+    /// Approximate number of ticks, where it does not follow from the length of the axis.
+    wanted: Option<usize>,
 }
 
 impl Axis {
@@ -81,6 +83,11 @@ impl Axis {
         Axis { magnitude: Some(magnitude), ..self }
     }
 
+    /// Sets the approximate number of ticks.
+    pub fn ticks(self, wanted: usize) -> Axis {
+        Axis { wanted: Some(wanted), ..self }
+    }
+
     /// Fits the axis to values, with about `wanted` ticks.
     pub(super) fn fit(&self, values: impl Iterator<Item = f64>, wanted: usize) -> Fitted {
         let drawn = |value: &f64| value.abs() < GREATEST && (self.scale == Scale::Linear || *value > LEAST);
@@ -94,7 +101,7 @@ impl Axis {
         let pad = if self.ends.is_some() { 0.0 } else { self.pad };
         let per = if drawn(&self.per) && self.per.abs() > LEAST { self.per } else { 1.0 };
         let mut fitted = match self.scale {
-            Scale::Linear => self.fit_linear(range, pad, per, wanted),
+            Scale::Linear => self.fit_linear(range, pad, per, self.wanted.unwrap_or(wanted)),
             Scale::Log => self.fit_log(range, pad, per),
         };
         for (value, text) in &mut fitted.ticks {

@@ -169,6 +169,7 @@ impl Figure {
             for (&(i, left, right), head) in frames.iter().zip(&heads) {
                 let panel = &self.panels[i];
                 let frame = Frame { left, top: y, right, bottom: y + panel.height };
+                let frame = panel.shaped(frame, fitted[i].as_ref());
                 let strokes = fitted[i].as_ref().map_or(Vec::new(), |axes| panel.strokes(frame, axes));
                 head.draw(&mut paper, frame, &strokes);
                 match (&fitted[i], &panel.drawing) {

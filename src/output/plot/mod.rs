@@ -25,6 +25,7 @@ mod layout;
 mod panel;
 mod paper;
 pub mod perspective;
+pub mod plan;
 pub mod run;
 mod strokes;
 
@@ -47,7 +48,7 @@ pub const PICTURES: [(&str, &str); 10] = [
     ("snapshots", "Snapshots of the plate, coloured by deflection"),
     ("contacts", "Contacts of nodes over time, and where they are on the plate"),
     ("energy", "Energies, change of their sum, and force of the obstacles over time"),
-    ("extremes", "Largest von Mises stress of the run over the plate"),
+    ("extremes", "Plan of the largest von Mises stress, with contour lines and its place"),
     ("forces", "Forces of obstacles over time and over the gap, impulses of rigid ones"),
     ("spectrum", "Spectra of the probes, with the numbers of the natural modes"),
     ("stresses", "Snapshots of the plate, coloured by von Mises stress"),

@@ -205,6 +205,10 @@ pub struct Panel {
     /// Name of a hatched band that is no obstacle.
     pub(super) band: Option<String>,
     pub(super) bars: Vec<Bar>,
+    /// Closed shapes below all curves.
+    pub(super) areas: Vec<(Vec<[f64; 2]>, Color)>,
+    /// Whether lengths along both axes have the same scale.
+    pub(super) has_equal_scales: bool,
     pub(super) ramp: Option<Ramp>,
     pub(super) rules: Vec<(f64, String)>,
     pub(super) slopes: Vec<(f64, [f64; 2])>,
@@ -268,6 +272,17 @@ impl Panel {
         self
     }
 
+    /// Adds closed shapes, given by their corners, below all curves.
+    pub fn areas(mut self, areas: impl IntoIterator<Item = (Vec<[f64; 2]>, Color)>) -> Panel {
+        self.areas.extend(areas);
+        self
+    }
+
+    /// Gives lengths along both axes the same scale, as in a plan; the frame shrinks accordingly.
+    pub fn equal_scales(self) -> Panel {
+        Panel { has_equal_scales: true, ..self }
+    }
+
     /// Explains the colours of the bars above the panel.
     pub fn ramp(self, ramp: Ramp) -> Panel {
         Panel { ramp: Some(ramp), ..self }
@@ -298,6 +313,15 @@ impl Panel {
         let is_near =
             |obstacle: &&Obstacle| self.band.is_some() || is_near(obstacle.height(), self.values(1));
         self.obstacles.iter().filter(is_near).copied().collect()
+    }
+
+    /// Returns the largest frame within another one in which scales are equal, where they must be.
+    pub(super) fn shaped(&self, frame: Frame, axes: Option<&[Fitted; 2]>) -> Frame {
+        let Some([x, y]) = axes.filter(|_| self.has_equal_scales) else { return frame };
+        let per_point = ((x.high - x.low) / (frame.right - frame.left))
+            .max((y.high - y.low) / (frame.bottom - frame.top));
+        let [width, height] = [x, y].map(|axis| (axis.high - axis.low) / per_point);
+        Frame { right: frame.left + width, bottom: frame.top + height, ..frame }
     }
 
     /// Fits the axes to the data, for a frame of this width in points.

@@ -6,7 +6,7 @@ use super::panel::Frame;
 use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp};
 use crate::geometry::range;
-use crate::output::text::{engineering, significant};
+use crate::output::text::engineering;
 use crate::output::vtu::{Surface, boundary, held_points};
 
 /// Largest number of snapshots in a figure.
@@ -35,7 +35,7 @@ const BAND: f64 = 10.0;
 const PEG: f64 = 4.0;
 /// Radius of a ball, in points; a scene gives none.
 const BALL: f64 = 3.0;
-/// Mark at the place of the largest value.
+/// Mark at a point in contact.
 const MARK: Color = Color(213, 94, 0);
 /// Width of the view in one of two columns, in points.
 const HALF: f64 = 108.0;
@@ -57,9 +57,6 @@ pub enum ColorBy {
     Deflection,
     /// Von Mises stress.
     VonMises,
-    /// Largest von Mises stress of a run, which belongs to no instant: the plate is flat, the faces
-    /// have the colours of their means, and the place of the largest value is marked.
-    Envelope,
     /// Shape of a mode, with its nodal lines; its frequency (Hz) takes the place of the time.
     Mode,
 }
@@ -68,7 +65,7 @@ impl ColorBy {
     fn values(self, surface: &Surface) -> &[f64] {
         match self {
             ColorBy::Deflection | ColorBy::Mode => &surface.deflection,
-            ColorBy::VonMises | ColorBy::Envelope => &surface.von_mises,
+            ColorBy::VonMises => &surface.von_mises,
         }
     }
 
@@ -77,7 +74,6 @@ impl ColorBy {
         match self {
             ColorBy::Deflection => ["deflection", "m"],
             ColorBy::VonMises => ["von Mises stress", "Pa"],
-            ColorBy::Envelope => ["largest von Mises stress", "Pa"],
             ColorBy::Mode => ["mode shape", ""],
         }
     }
@@ -107,10 +103,6 @@ pub fn modes(modes: Vec<(f64, Surface)>, title: &str) -> Figure {
 /// Returns the colours and one view per snapshot, all at one scale, for a width in points.
 fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<Panel>) {
     let held = held(&snapshots);
-    let peak = snapshots.first().filter(|_| by == ColorBy::Envelope).and_then(|(_, surface)| {
-        let values = by.values(surface).iter().zip(&surface.points);
-        values.max_by(|a, b| a.0.total_cmp(b.0)).map(|(_, &place)| place)
-    });
     let mut snapshots: Vec<(f64, Surface)> =
         snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
     let range = |values: &mut dyn Iterator<Item = f64>| range(values.filter(|value| value.is_finite()));
@@ -187,13 +179,9 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
             }
             ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(drawn), HIDDEN));
             ceiling.stops.iter().for_each(|&stop| draw_stop(paper, drawn(stop), -1.0));
-            let text = match peak {
-                Some([x, y]) => {
-                    paper.circle(drawn([x, y, 0.0]), 1.6, MARK, None);
-                    format!("largest at ({}, {}) m", significant(x), significant(y))
-                }
-                None if by == ColorBy::Mode => engineering(time, "Hz"),
-                None => format!("t = {}", engineering(time, "s").replace('u', "\u{b5}")),
+            let text = match by {
+                ColorBy::Mode => engineering(time, "Hz"),
+                _ => format!("t = {}", engineering(time, "s").replace('u', "\u{b5}")),
             };
             paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
         };
@@ -294,7 +282,7 @@ fn exaggeration(most: f64) -> f64 {
 }
 
 /// Returns a colour from dark to light, as in the palette "viridis".
-fn depth(share: f64) -> Color {
+pub(super) fn depth(share: f64) -> Color {
     let stops =
         [Color(68, 1, 84), Color(59, 82, 139), Color(33, 145, 140), Color(94, 201, 98), Color(253, 231, 37)];
     blend(&stops, share)

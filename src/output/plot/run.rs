@@ -2,6 +2,7 @@
 
 use super::axis::unit;
 use super::paper::blend;
+use super::plan::plan;
 use super::{Axis, Bar, Color, Curve, Figure, Obstacle, Panel, Ramp, short};
 use crate::geometry::range;
 use crate::output::contacts::Contact;
@@ -82,7 +83,7 @@ pub fn energy(table: &Table, title: &str) -> Figure {
 ///
 /// Nodes are ordered by their position along the plate. `outline` is the boundary of the plate, as
 /// pairs of points in m.
-pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[[f64; 2]; 2]>) -> Figure {
+pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: &[[[f64; 2]; 2]]) -> Figure {
     let mut nodes: Vec<&Contact> = contacts.iter().collect();
     nodes.sort_by(|a, b| {
         a.at[0].total_cmp(&b.at[0]).then(a.at[1].total_cmp(&b.at[1])).then(a.node.cmp(&b.node))
@@ -112,21 +113,8 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: Vec<[
         .bars(bars.iter().map(bar))
         .ramp(Ramp::new("impulse", "N s", [1e-3 * largest, largest], heat));
     let most = total.iter().copied().fold(0.0, f64::max);
-    let places = || outline.iter().flatten().chain(nodes.iter().map(|contact| &contact.at));
-    let [[left, right], [front, back]] = [0, 1].map(|axis| range(places().map(|place| place[axis])));
-    let size = (right - left).max(back - front);
-    let [length, width] =
-        [right - left, back - front].map(|side| side.max(0.1 * size).max(f64::MIN_POSITIVE));
-    let plan_height = (200.0 * width / length).clamp(30.0, 200.0);
-    let mut plan = Panel::new(
-        Axis::linear("x", "m").in_unit_of(size).within(left - 0.03 * length, right + 0.03 * length),
-        Axis::linear("y", "m").in_unit_of(size).within(front - 0.06 * width, back + 0.06 * width),
-    )
-    .heading("Where the nodes are; impulse of the whole run:")
-    .height(plan_height);
-    // A NaN interrupts the line.
-    let edges = outline.iter().flat_map(|&[a, b]| [a, b, [f64::NAN; 2]]).collect();
-    plan = plan.curve(Curve::new("", edges).color(Color::GREY).width(0.6));
+    let mut plan = plan(outline, nodes.iter().map(|contact| contact.at))
+        .heading("Where the nodes are; impulse of the whole run:");
     for (contact, impulse) in nodes.iter().zip(&total) {
         let size = (impulse / most).sqrt().max(0.25);
         plan = plan.curve(Curve::new("", vec![contact.at]).palette(1).marks(0).size(size).scattered());

@@ -71,6 +71,11 @@ impl Panel {
                     Obstacle::Part(_) => paper.line([left, y], [right, y], RULE),
                 }
             }
+            for (corners, color) in &self.areas {
+                let corners: Vec<At> = corners.iter().filter_map(|&corner| drawn(corner)).collect();
+                // An edge of the same colour covers the seams between neighbours.
+                paper.polygon(&corners, *color, Some(Pen::solid(*color, 0.2)));
+            }
             for bar in &self.bars {
                 if let (Some(a), Some(b)) = (drawn([bar.x[0], bar.y[1]]), drawn([bar.x[1], bar.y[0]])) {
                     // A minimal size keeps short bars visible.
