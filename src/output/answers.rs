@@ -3,7 +3,7 @@
 use super::text::{engineering, place, short};
 use serde_json::Value;
 
-/// Energy at the start, relative to the largest of a run, below which it is rounding.
+/// Part of an energy of a run, relative to the largest, below which it is rounding.
 const ROUNDING: f64 = 1e-6;
 
 /// Part of an energy, relative to the largest part, below which it is rounding.
@@ -108,6 +108,19 @@ fn moment(moment: &Value) -> Option<f64> {
     Some(moment[0].as_f64()?.hypot(moment[1].as_f64()?))
 }
 
+/// Returns how damping and the dashpots of stops share an energy lost, in J, in parentheses; empty
+/// where the scheme keeps no ledger of them.
+fn shares(lost: f64, ledger: &Value) -> String {
+    let (Some(taken), Some(stops)) = (ledger["dissipated"].as_f64(), ledger["dissipated_by_stops"].as_f64())
+    else {
+        return String::new();
+    };
+    let is_whole = (taken - lost).abs() <= ROUNDING * taken;
+    let parts = [(taken - stops, "damping"), (stops, "stops")].into_iter().filter(|(part, _)| *part > 0.0);
+    let parts: Vec<String> = parts.map(|(part, by)| format!("{} by {by}", engineering(part, "J"))).collect();
+    if is_whole && !parts.is_empty() { format!(" ({})", parts.join(", ")) } else { String::new() }
+}
+
 /// Returns what is left of the energy where nothing but the scheme may lose any, otherwise its
 /// balance.
 fn energy(summary: &Value) -> Option<String> {
@@ -125,5 +138,6 @@ fn energy(summary: &Value) -> Option<String> {
     let largest = parts.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
     let [from, put_in, lost, to] =
         parts.map(|part| engineering(if part.abs() > EQUAL * largest { part } else { 0.0 }, "J"));
-    Some(format!("{from} at the start, {put_in} put in, {lost} lost, {to} at the end"))
+    let shares = shares(number("lost")?, &summary["relaxation"]);
+    Some(format!("{from} at the start, {put_in} put in, {lost} lost{shares}, {to} at the end"))
 }

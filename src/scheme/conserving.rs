@@ -177,8 +177,10 @@ pub struct RelaxationStatistics {
     pub least_gamma: f64,
     /// Largest gamma.
     pub largest_gamma: f64,
-    /// Energy dissipated by damping, in J.
+    /// Energy dissipated by damping and by dashpots of stops, in J.
     pub dissipated: f64,
+    /// Part of it that dashpots of stops took, in J.
+    pub dissipated_by_stops: f64,
 }
 
 impl Default for RelaxationStatistics {
@@ -190,6 +192,7 @@ impl Default for RelaxationStatistics {
             least_gamma: 1.0,
             largest_gamma: 1.0,
             dissipated: 0.0,
+            dissipated_by_stops: 0.0,
         }
     }
 }

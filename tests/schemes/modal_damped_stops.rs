@@ -49,6 +49,31 @@ fn a_plate_leaves_a_mat_as_the_closed_form_says() {
     }
 }
 
+/// While a rigid plate is on the mat, damping and the mat take energy as alpha m to c; before, damping
+/// has braked the plate from v to v less alpha times the way. The ledger has both, and their sum is
+/// what the plate has lost.
+#[test]
+fn damping_and_a_mat_share_the_energy_as_their_coefficients() {
+    const MASS: f64 = 7800.0 * 0.2 * 0.2 * 0.02;
+    let (alpha, damping, speed) = (40.0, 2e4, 0.5);
+    let text = on_a_mat(1.54e6, damping, 2e-6).replace("end = 0.02", "end = 0.006");
+    let scene = scene(&format!("{text}damping = {{ mass = {alpha} }}\n"));
+    let model = Model::new(&scene).unwrap();
+    let mut scheme = model.scheme(&scene).unwrap();
+    let start = scheme.energies().unwrap().total();
+    while scheme.time() < 0.006 - 1e-9 {
+        scheme.advance().unwrap();
+    }
+    let ledger = scheme.statistics().relaxation.unwrap();
+    let [stops, plate] = [ledger.dissipated_by_stops, ledger.dissipated - ledger.dissipated_by_stops];
+    let lost = start - scheme.energies().unwrap().total();
+    assert!((stops + plate - lost).abs() <= 1e-12 * start, "{stops} + {plate} for {lost}");
+    let braked = 0.5 * MASS * (speed * speed - (speed - alpha * 1e-3_f64).powi(2));
+    let ratio = (plate - braked) / stops / (alpha * MASS / (damping * 0.04));
+    println!("{stops} and {plate} J of {start} J, {ratio} of the closed form");
+    assert!((ratio - 1.0).abs() <= 2e-3, "{ratio}");
+}
+
 /// The paper's plate between damped stops at points.
 fn between_stops(stiffness: f64, damping: f64, time: &str) -> String {
     let stop = format!("stiffness = {stiffness:e}, damping = {damping:e}");

@@ -213,6 +213,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let dashpots = self.tips.dissipated(&self.now, self.span);
         self.balance.work += gamma * (received + obstacles);
         self.relaxation.note(gamma, gamma * dissipated + dashpots, true);
+        self.relaxation.dissipated_by_stops += dashpots;
     }
 
     /// Keeps the last state before contact of nodes that begin to touch.
