@@ -83,6 +83,9 @@ fn add_numerics(report: &mut Report, scene: &Scene, outcome: &Outcome) {
     if let LinearIterations { iterations_mean: Some(mean), iterations_max: Some(most), .. } = outcome.linear {
         report.text("iterations per solve", format!("{mean:.1}, at most {most}"));
     }
+    if !scene.supports.is_empty() && scene.supports.iter().all(|support| support.name.is_none()) {
+        report.text("force of a support", "add a name: --set 'support.0.name=\"clamp\"'");
+    }
     report.text("worst KKT residual", two_digits(outcome.worst_kkt));
     if scene.has_contact() {
         report.text("worst penetration", format!("{} m", two_digits(outcome.worst_penetration)));

@@ -31,11 +31,13 @@ pub fn answers(summary: &Value) -> Vec<KeyFigure> {
     add("largest stress", stress(&summary["extremes"]["von_mises"]));
     add("first impact", first_impact(summary));
     add("contacts", contacts(summary));
-    let forces = summary["forces"].as_object();
-    for (name, force) in forces.into_iter().flatten().take(MOST_FORCES) {
+    let mut forces: Vec<(&String, &Value)> = summary["forces"].as_object().into_iter().flatten().collect();
+    // What has a name of its own comes first.
+    forces.sort_by_key(|(name, _)| name.starts_with("obstacle_"));
+    for (name, force) in forces.iter().take(MOST_FORCES) {
         add(name, Some(force_of(force)));
     }
-    let others = forces.map_or(0, |forces| forces.len().saturating_sub(MOST_FORCES));
+    let others = forces.len().saturating_sub(MOST_FORCES);
     add("...", (others > 0).then(|| format!("{others} more stops and supports in summary.json")));
     for (name, lost) in summary["dissipated"].as_object().into_iter().flatten() {
         add(name, quantity(lost, "J").map(|lost| format!("{lost} dissipated")));
@@ -105,7 +107,7 @@ fn force_of(force: &Value) -> String {
 }
 
 fn moment(moment: &Value) -> Option<f64> {
-    Some(moment[0].as_f64()?.hypot(moment[1].as_f64()?))
+    Some(moment[0].as_f64()?.hypot(moment[1].as_f64()?)).filter(|moment| *moment > 0.0)
 }
 
 /// Returns how damping and the dashpots of stops share an energy lost, in J, in parentheses; empty
@@ -140,4 +142,21 @@ fn energy(summary: &Value) -> Option<String> {
         parts.map(|part| engineering(if part.abs() > EQUAL * largest { part } else { 0.0 }, "J"));
     let shares = shares(number("lost")?, &summary["relaxation"]);
     Some(format!("{from} at the start, {put_in} put in, {lost} lost{shares}, {to} at the end"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::answers;
+    use serde_json::json;
+
+    #[test]
+    fn named_things_come_first() {
+        let mut forces = json!({ "wall": {} });
+        (1..=9).for_each(|number| forces[format!("obstacle_{number}")] = json!({}));
+        let titles: Vec<String> =
+            answers(&json!({ "forces": forces })).into_iter().map(|answer| answer.title).collect();
+        let first = titles.iter().position(|title| title == "wall");
+        let second = titles.iter().position(|title| title == "obstacle_1");
+        assert!(first < second && first.is_some(), "{titles:?}");
+    }
 }

@@ -255,6 +255,7 @@ fn the_exact_scheme_lists_its_events() {
         rebond(&folder, &["run", "fall.toml", "--set", "time.scheme=exact", "--out", "out", "--verbose"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert!(text(&output.stdout).contains("active sets"));
+    assert!(text(&output.stdout).contains("support.0.name"), "how to have the force of a support");
     let events = std::fs::read_to_string(folder.join("out/events.csv")).unwrap();
     let mut rows = events.lines();
     assert_eq!(rows.next(), Some("time,node,x,y,kind,velocity,reaction"));
