@@ -19,7 +19,7 @@ PAGE = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- weight: begin -->\n", "<!-- weight: end -->\n"
 
 # Largest total, in lines of code.
-LIMIT = 55_800
+LIMIT = 56_400
 
 # Difference up to which a row of the page counts as true: lines, and share of the row.
 TOLERANCE = (30, 0.05)
@@ -45,6 +45,10 @@ CAPABILITIES = {
     "Linear algebra": ["linalg"],
     "Contact solvers and their check": ["vi"],
     "Natural modes": ["modes"],
+    "The plate in its plane: tension, buckling, stretching": [
+        "assembly/prestress.rs", "membrane", "modes/buckling.rs", "scene/in_plane.rs", "scheme/modal/stretching.rs",
+        "simulation/effects/buckling.rs", "simulation/effects/registry/prestress.rs", "simulation/effects/stretching.rs",
+    ],
     "Schemes: what all share": ["scheme"],
     "Newmark-e-beta": ["scheme/newmark"],
     "Midpoint": ["scheme/midpoint"],

@@ -29,6 +29,7 @@
 //! | `petsc` | safe handles on PETSc objects (feature `petsc`) |
 //! | `distributed` | the engine and the mesh over all ranks (feature `petsc`) |
 //! | [`modes`] | natural frequencies and shapes |
+//! | [`membrane`] | strain and force of the plate in its plane, energy of stretching |
 //! | [`assembly`] | the only loop over cells |
 //! | [`contact_law`] | laws of bounds that yield, one file each |
 //! | [`obstacle`] | bounds on the deflections |
@@ -114,6 +115,7 @@ pub mod petsc;
 #[cfg(feature = "petsc")]
 pub mod distributed;
 pub mod modes;
+pub mod membrane;
 pub mod assembly;
 pub mod contact_law;
 pub mod obstacle;

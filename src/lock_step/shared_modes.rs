@@ -34,10 +34,11 @@ pub struct SharedModes<'s> {
     pub(super) factors: KnownFactors,
 }
 
-/// Returns whether nothing but loads of given shape depends on time, no bound has a law of its own,
-/// and no damping acts on single modes but those of a modal mass.
+/// Returns whether the plate only bends, nothing but loads of given shape depends on time, no bound
+/// has a law of its own, and no damping acts on single modes but those of a modal mass.
 fn is_plain(System { bounds, drive, mass, .. }: &System<Native>) -> bool {
-    drive.supports.is_empty()
+    drive.stretching.is_none()
+        && drive.supports.is_empty()
         && drive.bounds.is_none()
         && drive.load.is_none()
         && drive.dashpots.is_none()

@@ -23,6 +23,47 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_scheme(doc, scene)
 }
 
+/// Refuses what a plate that stretches does not take, and supports in the plane of one that does
+/// not.
+fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
+    for (index, support) in scene.supports.iter().enumerate().filter(|(_, one)| one.in_plane.is_some()) {
+        let key = format!("support.{index}.in_plane");
+        if !scene.stretches() {
+            return Err(doc.fault(&key, "has no use without in_plane.stretching = true"));
+        }
+        if !matches!(support.stand, SupportLocation::Edge { .. }) {
+            let wrong = "a point has no stiffness in the plane of a plate; expected a support along an edge";
+            return Err(doc.fault(&key, wrong));
+        }
+    }
+    if !scene.stretches() {
+        return Ok(());
+    }
+    let motion = scene.motions().next().map(|motion| motion.key.clone());
+    let name = scene.supports.iter().position(|support| support.name.is_some());
+    let is_stress = |probe: &Probe| probe.quantity.is_of_curvature();
+    let probe = scene.output.probes.iter().position(is_stress);
+    let has_stresses = scene.output.fields.is_some_and(|fields| fields.stresses);
+    let refused = [
+        (scene.time.scheme.capabilities().name != "conserving").then(|| "time.scheme".to_owned()),
+        (scene.time.mass != Mass::Modal).then(|| "time.mass".to_owned()),
+        (scene.solver.engine == EngineName::Petsc).then(|| "solver.engine".to_owned()),
+        motion,
+        name.map(|index| format!("support.{index}.name")),
+        probe.map(|index| format!("output.probes.{index}.quantity")),
+        has_stresses.then(|| "output.stresses".to_owned()),
+        scene.output.extremes.then(|| "output.extremes".to_owned()),
+    ];
+    match refused.into_iter().flatten().next() {
+        Some(key) => Err(doc.fault(
+            &key,
+            "contradicts in_plane.stretching; expected time.scheme = \"conserving\" with time.mass = \"modal\" in one \
+             process, supports at rest and without names, and no moments or stresses",
+        )),
+        None => Ok(()),
+    }
+}
+
 /// Refuses supports along a whole edge that another support holds.
 fn check_edges(doc: &Document, scene: &Scene) -> Result<()> {
     for (index, support) in scene.supports.iter().enumerate() {
@@ -264,6 +305,7 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
     if !scene.sliders.is_empty() {
         check_sliders(doc, scene)?;
     }
+    check_in_plane(doc, scene)?;
     let has_tips = scene.compliances().any(|(_, compliance)| compliance.has_tip());
     let massless = [(has_tips, "tips of compliant stops"), (is_modal, "rest of time.mass = \"modal\"")];
     if let SchemeSpec::Newmark { beta: 0.25, .. } = scene.time.scheme

@@ -2,7 +2,7 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{Compliance, FieldInput, Initial, Load, Scene, Side};
+use super::{Compliance, FieldInput, Initial, Load, Scene, Side, Tension};
 use crate::contact_law::StopLaw;
 
 impl Scene {
@@ -17,7 +17,8 @@ impl Scene {
         add(self.plate.thickness.is_some(), "varying thickness");
         add(self.plate.plate.orthotropy.is_some(), "orthotropic material");
         add(!self.parts.is_empty(), "parts of other material or thickness");
-        add(self.in_plane.is_some(), "prestress");
+        add(self.tension().is_some(), "prestress");
+        add(self.stretches(), "stretching");
         add(self.supports.iter().any(|support| support.elastic.is_some()), "elastic edges");
         self.attachments.effects().iter().for_each(|(is_on, name)| add(*is_on, name));
         for (side, name) in [(Side::Below, "below"), (Side::Above, "above")] {
@@ -55,6 +56,16 @@ impl Scene {
         add(output.fields.is_some_and(|fields| fields.stresses), "stresses in snapshots");
         add(output.extremes, "largest stress of all steps");
         effects
+    }
+
+    /// Returns the membrane force that is given, if there is any.
+    pub fn tension(&self) -> Option<&Tension> {
+        self.in_plane.as_ref()?.prestress()
+    }
+
+    /// Returns whether the mid-plane of the plate stretches as it bends.
+    pub fn stretches(&self) -> bool {
+        self.in_plane.as_ref().is_some_and(|in_plane| in_plane.stretching)
     }
 
     /// Returns whether contact is possible: with obstacles or balls.

@@ -3,7 +3,7 @@
 use super::document::Document;
 use super::entry::{section, table};
 use super::given::FieldInput;
-use super::kinds::number;
+use super::kinds::{number, truth};
 use crate::error::Result;
 use crate::field::Names;
 
@@ -11,6 +11,9 @@ table! {
     /// Forces in the plane of the plate.
     #[derive(Debug, Clone, PartialEq)]
     pub struct InPlane {
+        /// Whether the mid-plane stretches as the plate bends (von Karman), where supports hold the
+        /// plate in its plane; with `conserving` and the modal mass.
+        stretching: bool = truth().says("the mid-plane stretches").or_silent(false);
         /// Membrane force that a stretched frame or edge loads keep up: `xx`, `yy`, `xy`.
         tension: Tension = section();
     }
@@ -40,9 +43,15 @@ impl Tension {
 }
 
 impl InPlane {
-    /// Refuses a table without any force.
+    /// Returns the membrane force, if there is any.
+    pub fn prestress(&self) -> Option<&Tension> {
+        let components = self.tension.components();
+        components.into_iter().any(|component| !component.is_zero()).then_some(&self.tension)
+    }
+
+    /// Refuses a table that changes nothing.
     pub(super) fn check(&self, doc: &Document) -> Result<()> {
-        if self.tension.components().into_iter().all(FieldInput::is_zero) {
+        if !self.stretching && self.prestress().is_none() {
             let wrong = "expected at least one of xx, yy and xy, in N/m";
             return Err(doc.missing("in_plane.tension", wrong));
         }

@@ -58,6 +58,7 @@ pub use crate::element::ElementKind;
 use crate::error::Result;
 use crate::hash;
 use crate::input;
+pub use crate::membrane::InPlaneHold;
 pub use crate::mesh::Diagonal;
 pub use crate::plate::Plate;
 pub use crate::scheme::{Massless, SchemeName, SchemeSpec};

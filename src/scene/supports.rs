@@ -1,6 +1,5 @@
 //! Tables `[[support]]`: edges and points that are held, at rest or in motion.
 
-use super::SupportKind;
 use super::column::column;
 use super::document::{Document, join};
 use super::entry::{Kind, table, via};
@@ -8,6 +7,7 @@ use super::given::FieldInput;
 use super::kinds::{condition, name, not_negative, number, positive, word};
 use super::place::{coordinates, point_name};
 use super::words::Choice;
+use super::{InPlaneHold, SupportKind};
 use crate::error::Result;
 use crate::field::{Condition, Names};
 use std::fmt;
@@ -28,6 +28,10 @@ table! {
         /// Displacement of the support along z, a field of t without jumps, by default 0; not for
         /// `"guided"` supports, nor where the edge has a `stiffness`.
         motion: Option<FieldInput> = number("a deflection", "m").field(Names::T).optional();
+        /// Along an edge of a plate that [stretches](#in_plane): `"held"`, `"normal"` to an edge
+        /// along x or y, or `"free"` in the plane; by default held where the edge is clamped or
+        /// simply supported. Points hold nothing in the plane.
+        in_plane: Option<InPlaneHold> = word().optional();
     } then moved
 }
 
@@ -43,10 +47,14 @@ pub struct ElasticEdge {
 impl fmt::Debug for Support {
     /// Formats all fields but the name, which does not change the motion.
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
-        let Support { name: _, stand, kind, elastic, motion } = self;
+        let Support { name: _, stand, kind, elastic, motion, in_plane } = self;
         let mut fields = f.debug_struct("Support");
         fields.field("stand", stand).field("kind", kind).field("elastic", elastic);
-        fields.field("motion", motion).finish()
+        fields.field("motion", motion);
+        in_plane.iter().for_each(|hold| {
+            fields.field("in_plane", hold);
+        });
+        fields.finish()
     }
 }
 

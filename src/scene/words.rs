@@ -1,6 +1,6 @@
 //! Words by which a scene names the variants of every enum.
 
-use super::{ContactSolver, Diagonal, ElementKind, Massless, SchemeName, SupportKind};
+use super::{ContactSolver, Diagonal, ElementKind, InPlaneHold, Massless, SchemeName, SupportKind};
 use crate::contact_law::StopLaw;
 use crate::field::Interpolation;
 use serde::{Deserialize, Serialize};
@@ -128,6 +128,7 @@ choice! {
         Guided = "guided",
         Elastic = "elastic"
     }
+    InPlaneHold { Held = "held", Normal = "normal", Free = "free" }
     Massless { Equilibrium = "equilibrium", Reflected = "reflected" }
 }
 

@@ -10,10 +10,12 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, axpy, dot};
 use crate::linalg::{Engine, Form};
+use crate::membrane::QuarticForm;
 use crate::modes::Mode;
 use crate::obstacle::Bounds;
 use std::f64::consts::TAU;
 use std::fmt;
+use std::rc::Rc;
 
 /// Rayleigh damping alpha M + beta K.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -138,8 +140,8 @@ fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f6
     Ok(engine.comm().all_reduce_sum_slice(&products))
 }
 
-/// Time-dependent loads, obstacles and supports, modal damping and friction. All processes evaluate
-/// them at the same instants.
+/// Time-dependent loads, obstacles and supports, and forces besides those of M, K and Rayleigh's
+/// damping. All processes evaluate them at the same instants.
 #[derive(Default)]
 pub struct TimeDependence {
     /// Time-dependent loads of fixed distribution.
@@ -156,6 +158,8 @@ pub struct TimeDependence {
     pub dashpots: Option<Form>,
     /// Damped tips of compliant stops that this rank has; `None` where no rank has any.
     pub viscous_tips: Option<Vec<ViscousTip>>,
+    /// Energy of stretching in the modes of a modal mass; `None` for a plate that only bends.
+    pub stretching: Option<Rc<QuarticForm>>,
     /// Dry friction at bounded dofs of this rank; `None` where no rank has any.
     pub sliders: Option<Vec<BoundSlider>>,
 }

@@ -54,8 +54,8 @@ impl<'s> PlateCurvatures<'s> {
     /// Returns the stresses of the mid-plane at a point of a cell, in Pa: 0 without forces in the
     /// plane.
     pub fn middle(&self, cell: usize, point: Point) -> Result<Moments> {
-        let Some(in_plane) = &self.scene.in_plane else { return Ok(Moments::default()) };
-        let [xx, yy, xy] = in_plane.tension.components().map(|component| component.at(point, 0.0));
+        let Some(tension) = self.scene.tension() else { return Ok(Moments::default()) };
+        let [xx, yy, xy] = tension.components().map(|component| component.at(point, 0.0));
         Ok(Moments { xx: xx?, yy: yy?, xy: xy? }.times(1.0 / self.body.section(cell, point)?.thickness))
     }
 
@@ -63,7 +63,7 @@ impl<'s> PlateCurvatures<'s> {
     /// cells that contain the point. Collective.
     pub fn middle_at<P: Partition>(&self, ground: &BuildContext<P>, place: [f64; 2]) -> Result<Moments> {
         let (comm, point) = (ground.partition.comm(), Point::from(place));
-        if self.scene.in_plane.is_none() {
+        if self.scene.tension().is_none() {
             return Ok(Moments::default());
         }
         let around = ground.mesh.cells_at(point).map(|cell| self.middle(cell, point));

@@ -91,6 +91,7 @@ fn support(edge: &str, kind: SupportKind) -> Support {
         kind,
         elastic: None,
         motion: None,
+        in_plane: None,
     }
 }
 

@@ -31,5 +31,6 @@ mod slider;
 mod splitting;
 mod stops;
 mod stresses;
+mod stretching;
 mod sweeps;
 mod work;

@@ -16,7 +16,8 @@ impl<E: Engine> ModalScheme<'_, E> {
     /// Evaluates the nodes of a tier and of all smaller ones, at the present state or another one.
     pub(super) fn check_reach(&mut self, tier: usize, probe: Option<&State>) -> Finding {
         let state = probe.unwrap_or(&self.now);
-        let pull = state.pull(&self.modes.squares);
+        let mut pull = state.pull(&self.modes.squares);
+        self.stretching.kick_now(1.0, &mut pull);
         let mut acceleration = pull.clone();
         kick(&self.rows, &state.reaction, 1.0, &mut acceleration);
         let acceleration = norm(&acceleration);

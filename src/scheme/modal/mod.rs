@@ -74,6 +74,7 @@ mod scheme;
 mod shown;
 mod state;
 mod stepping;
+mod stretching;
 mod viscous_tips;
 
 use super::massless::modal_saddle_point::ModalSaddlePoint;
@@ -99,6 +100,7 @@ use shown::Shown;
 use state::State;
 use std::f64::consts::TAU;
 use std::rc::Rc;
+use stretching::Stretching;
 use viscous_tips::ViscousTips;
 
 /// Longest part of a step, in periods of the fastest mode.
@@ -123,6 +125,7 @@ pub struct ModalScheme<'s, E: Engine> {
     length: f64,
     contact: ComplianceSolver,
     tips: ViscousTips,
+    stretching: Stretching,
     reach: Reach,
     flight: Flight,
     /// Mode shapes at the candidates, one column each.
@@ -213,6 +216,9 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
                 "obstacle.damping: with time.mass = \"modal\" expected time.scheme = \"conserving\"".into(),
             ));
         }
+        if system.drive.stretching.is_some() && rule != StepRule::Splitting {
+            return Err(Error::Usage("in_plane.stretching: expected time.scheme = \"conserving\"".into()));
+        }
         let modes = modes.clone();
         let saddle = ModalSaddlePoint::new(system, &Form::Cells(consistent.clone()), &modes)?;
         let global = Rc::new(AllBounds::new(system));
@@ -235,6 +241,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
             length: part,
             contact: ComplianceSolver::new(0),
             tips: ViscousTips::new(system, &global),
+            stretching: Stretching::new(system),
             reach: Reach::new(shapes, [&modes.squares, &decays], part, !system.drive.varies()),
             flight: Flight::default(),
             rows: Mat::new(),
@@ -275,6 +282,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
 
     /// Finds candidates, reactions and energies of the initial state.
     fn begin(&mut self) -> Result<()> {
+        self.stretching.evaluate(&self.now.q);
         // Reactions lift further nodes, or press them.
         while self.admit_near()? {
             self.settle(f64::INFINITY);
@@ -283,7 +291,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let [kinetic, elastic] = self.now.energies(&self.modes.squares);
         let rest = self.loads.elastic(data) + dot(reaction, &data.near.shift);
         let offset = rest - self.loads.work(data, q, &self.model.candidates, reaction);
-        let stored = self.model.laws.stored_under(&self.now.reaction);
+        let stored = self.model.laws.stored_under(&self.now.reaction) + self.stretching.energy();
         self.balance = Balance { start: kinetic + elastic + stored, work: 0.0, offset };
         self.before = self.now.clone();
         self.list_candidates();

@@ -1,4 +1,4 @@
-//! Relaxed steps in contact.
+//! Relaxed steps, in contact or of a plate that stretches.
 
 use super::contact_model::ContactModel;
 use super::data::ModalData;
@@ -42,8 +42,8 @@ struct ContactStep<'a> {
     gamma: f64,
     /// Length of the whole step, in s.
     seconds: f64,
-    /// Coefficients of 1, gamma and gamma^2 of the excess without the rest, in J.
-    energy: [f64; 3],
+    /// Coefficients of 1, gamma, ..., gamma^4 of the excess without the rest, in J.
+    energy: [f64; 5],
     /// Error at which the search ends, in J.
     enough: f64,
 }
@@ -66,17 +66,20 @@ impl RelaxedStep for ContactStep<'_> {
     }
 
     fn excess(&self) -> Result<[f64; 2]> {
-        let ContactStep { now, energy: [constant, linear, quadratic], gamma, .. } = self;
+        let ContactStep { now, gamma, .. } = self;
         let active = self.contact.active().iter();
         let rest: f64 = active.map(|&i| 0.5 * now.reaction[i] * (now.x[i] - now.y[i])).sum();
         let stored = self.model.laws.stored_under(&now.reaction) + self.tips.stored(now);
         let dissipated = self.tips.dissipated(now, gamma * self.seconds);
-        let excess = constant + gamma * (linear + gamma * quadratic) + rest + stored + dissipated;
+        let of_modes = self.energy.iter().rev().fold(0.0, |sum, coefficient| coefficient + gamma * sum);
+        let excess = of_modes + rest + stored + dissipated;
         Ok([excess, self.enough])
     }
 
     fn slope(&mut self) -> Result<f64> {
-        let [_, linear, quadratic] = self.energy;
+        let powers = self.energy.iter().enumerate().skip(1).rev();
+        let of_modes =
+            powers.fold(0.0, |sum, (power, coefficient)| power as f64 * coefficient + self.gamma * sum);
         let moved = |i: usize| match (self.change, self.contact.sides[i]) {
             (Some(change), BoundStatus::Upper) => change.upper[i],
             (Some(change), _) => change.lower[i],
@@ -86,7 +89,7 @@ impl RelaxedStep for ContactStep<'_> {
         let rises: Vec<f64> = active.iter().map(|&i| moved(i) - self.dy[i]).collect();
         let rest: f64 = active.iter().zip(&rises).map(|(&i, rise)| self.now.reaction[i] * rise).sum();
         let dashpots = self.tips.slope(self.contact, self.now, rises, self.seconds, self.gamma);
-        Ok(linear + 2.0 * self.gamma * quadratic + rest + dashpots)
+        Ok(of_modes + rest + dashpots)
     }
 }
 
@@ -158,16 +161,19 @@ impl<E: Engine> ModalScheme<'_, E> {
         let Some(gamma) = gamma else { return Ok(None) };
         waxpy(gamma, &self.increments.q, &self.before.q, &mut self.now.q);
         waxpy(gamma, &self.increments.v, &self.before.v, &mut self.now.v);
+        if gamma != 1.0 {
+            self.stretching.evaluate(&self.now.q);
+        }
         if let Some(next) = next {
             self.now.data = ModalData::between(&self.before.data, next, gamma).into();
         }
         Ok(Some((gamma, obstacles)))
     }
 
-    /// Returns the coefficients of 1, gamma and gamma^2 of the energy beyond its target, without
+    /// Returns the coefficients of 1, gamma, ..., gamma^4 of the energy beyond its target, without
     /// that of the rest, and the scale of its rounding errors, in J. `gain` is the energy received
     /// over the whole step.
-    fn excess(&self, gain: f64) -> ([f64; 3], f64) {
+    fn excess(&self, gain: f64) -> ([f64; 5], f64) {
         let squares = &self.modes.squares;
         let State { q, v, .. } = &self.before;
         let Increments { q: dq, v: dv, .. } = &self.increments;
@@ -175,7 +181,10 @@ impl<E: Engine> ModalScheme<'_, E> {
         let linear = sum(squares.len(), |k| v[k] * dv[k] + squares[k] * q[k] * dq[k]);
         let Balance { start, work, .. } = self.balance;
         let target = start + work - self.relaxation.dissipated;
-        ([constant - target, linear - gain, energy(squares, dq, dv)], start.abs() + constant)
+        let mut coefficients = [constant - target, linear - gain, energy(squares, dq, dv), 0.0, 0.0];
+        let stretching = self.stretching.along(dq);
+        coefficients.iter_mut().zip(stretching).for_each(|(sum, term)| *sum += term);
+        (coefficients, start.abs() + constant + stretching[0])
     }
 
     /// Computes the change of the bounds over the whole step. Returns the work of the mean

@@ -151,11 +151,14 @@ impl<E: Engine> ModalScheme<'_, E> {
         (shown, contact)
     }
 
-    /// Returns the energy stored in bounds that yield at or just after the instant, in J.
+    /// Returns the energy stored in bounds that yield and in the stretched mid-plane, at or just
+    /// after the instant, in J.
     fn stored_energy(&self) -> f64 {
-        let between = || self.model.laws.stored_under(&self.now.reaction) + self.tips.stored(&self.now);
-        self.newmark_parameters()
-            .map_or_else(between, |parameters| parameters.stored_now(self.implicit.stored))
+        let of_stops = || self.model.laws.stored_under(&self.now.reaction) + self.tips.stored(&self.now);
+        self.newmark_parameters().map_or_else(
+            || of_stops() + self.stretching.energy(),
+            |parameters| parameters.stored_now(self.implicit.stored),
+        )
     }
 
     /// Returns the displacement of the shown state, in m, one entry per dof.
@@ -237,7 +240,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             let time = self.time() + self.ahead;
             let (rest, part) = (-self.ahead, self.rotation.seconds);
             // A step in flight is exact whatever its length, and returns to the grid.
-            let seconds = match self.now.touches() {
+            let seconds = match self.now.touches() || self.stretching.is_there() {
                 true => self.length,
                 false if rest < (1.0 - SAME_TIME) * part => rest,
                 false => part,

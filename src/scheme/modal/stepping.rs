@@ -38,7 +38,7 @@ impl<E: Engine> ModalScheme<'_, E> {
 
     /// Returns whether no candidate can touch within `seconds` from the present state.
     fn flies(&mut self, seconds: f64) -> bool {
-        if self.system.drive.varies() || self.now.touches() {
+        if self.system.drive.varies() || self.now.touches() || self.stretching.is_there() {
             return false;
         }
         let ModalScheme { now, flight, reach, model, modes, .. } = self;
@@ -83,9 +83,12 @@ impl<E: Engine> ModalScheme<'_, E> {
             return self.rotate(next, seconds);
         }
         kick(&self.rows, reaction, 0.5 * seconds, &mut self.now.v);
+        self.stretching.kick_before(0.5 * seconds, &mut self.now.v);
         let [received, dissipated] = self.rotate(next, seconds);
         self.settle(seconds);
         kick(&self.rows, &self.now.reaction, 0.5 * seconds, &mut self.now.v);
+        self.stretching.evaluate(&self.now.q);
+        self.stretching.kick_now(0.5 * seconds, &mut self.now.v);
         [received, dissipated - self.dissipation_by_kicks(seconds)]
     }
 
@@ -103,6 +106,8 @@ impl<E: Engine> ModalScheme<'_, E> {
         for state in [&self.before, &self.now] {
             kick(&self.rows, &state.reaction, 0.25 * seconds, &mut mean);
         }
+        self.stretching.kick_before(0.25 * seconds, &mut mean);
+        self.stretching.kick_now(0.25 * seconds, &mut mean);
         let power: f64 = self.decays.iter().zip(&mean).map(|(decay, v)| decay * v * v).sum();
         seconds / 3.0 * power
     }
@@ -149,6 +154,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             self.now.settle_free(&self.rows);
         }
         std::mem::swap(&mut self.now, &mut self.before);
+        self.stretching.begin_step();
         let (whole, mut halvings) = (seconds, 0);
         loop {
             let next = self.data_at(time + seconds)?;
@@ -157,7 +163,8 @@ impl<E: Engine> ModalScheme<'_, E> {
             }
             let exchanged = self.propose(next.as_ref(), seconds, flies);
             let touches = self.before.touches() || self.now.touches();
-            let taken = match touches {
+            let is_forced = touches || self.stretching.is_there();
+            let taken = match is_forced {
                 true => self.keep_energy(next.as_ref(), seconds, exchanged, halvings == ALL_HALVINGS)?,
                 false => Some((1.0, 0.0)),
             };
@@ -168,16 +175,18 @@ impl<E: Engine> ModalScheme<'_, E> {
                 continue;
             };
             self.span = gamma * seconds;
-            if self.comes_late(touches)? {
+            if self.comes_late(is_forced)? {
                 flies = false;
                 continue;
             }
             self.presses = touches;
             self.keep_data(time, seconds, gamma);
             self.note_step(gamma, exchanged, obstacles);
-            if touches {
+            if is_forced {
                 self.flight.end();
                 self.length = self.rotation.seconds.min(2.0 * seconds);
+            }
+            if touches {
                 self.note_approaches(time);
             }
             return Ok(());
@@ -194,10 +203,11 @@ impl<E: Engine> ModalScheme<'_, E> {
         Ok(Some(Rc::new(data)))
     }
 
-    /// Adds the nodes that come near as candidates. Returns whether some of them are beyond their
-    /// obstacle, so that the step must be repeated.
-    pub(super) fn comes_late(&mut self, touches: bool) -> Result<bool> {
-        let Some(tier) = self.reach.advance(&self.now, self.span, !touches) else { return Ok(false) };
+    /// Adds the nodes that come near as candidates, after a step in which the modes moved under
+    /// forces or freely. Returns whether some of them are beyond their obstacle, so that the step
+    /// must be repeated.
+    pub(super) fn comes_late(&mut self, is_forced: bool) -> Result<bool> {
+        let Some(tier) = self.reach.advance(&self.now, self.span, !is_forced) else { return Ok(false) };
         let Finding { near, is_late } = self.check_reach(tier, None);
         if !near.is_empty() {
             self.add_candidates(near)?;

@@ -49,7 +49,7 @@ pub(in crate::simulation) fn load<E: OfCells, P: Partition>(
     ground: &BuildContext<P>,
     engine: &E,
 ) -> Result<Option<Buckling>> {
-    if ground.scene.in_plane.is_none() {
+    if ground.scene.tension().is_none() {
         return Ok(None);
     }
     let [stiffness, geometric] = forms(ground, engine);

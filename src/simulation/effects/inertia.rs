@@ -14,6 +14,11 @@ use crate::simulation::phase;
 /// modes change the motion by less than other methods differ from each other.
 const MODES: usize = 200;
 
+/// Default number of modes of a plate that stretches, and the largest: the strains of all pairs are
+/// kept, and a step takes the time of their products.
+const STRETCHING_MODES: usize = 20;
+const MOST_STRETCHING_MODES: usize = 60;
+
 /// Largest number of modes, as a fraction of the dofs: up to a third the compliance of the rest is
 /// well conditioned; from about two thirds on it is singular, and modes above half belong to the
 /// mesh rather than to the plate.
@@ -22,6 +27,12 @@ const REFUSED: usize = 2;
 
 /// Relative difference of squared frequencies below which rounding mixes their modes.
 const EQUAL: f64 = 1e-7;
+
+/// Usual and largest number of modes.
+struct ModeCount {
+    usual: usize,
+    most: usize,
+}
 
 /// Returns the mass matrix of a scene, and a warning where it is not unique; `mechanism` tells
 /// whether the plate can move rigidly. Collective.
@@ -50,7 +61,12 @@ pub(super) fn mass<E: OfCells, P: Partition>(
         Form::Cells(consistent) if time.mass == Mass::Modal => {
             phase("modes");
             // Bodies are loose too: their rigid motions are modes as well.
-            modal_mass(engine, stiffness, consistent, time.modes, mechanism || ground.bodies() > 0)
+            let count = match ground.scene.stretches() {
+                true => ModeCount { usual: STRETCHING_MODES, most: MOST_STRETCHING_MODES },
+                false => ModeCount { usual: MODES, most: usize::MAX },
+            };
+            let mechanism = mechanism || ground.bodies() > 0;
+            modal_mass(engine, stiffness, consistent, (time.modes, count), mechanism)
         }
         mass => Ok((mass, None)),
     }
@@ -66,14 +82,14 @@ fn modal_mass<E: Engine>(
     engine: &E,
     stiffness: &Form,
     consistent: CellForm,
-    range: Option<ModeRange>,
+    (range, number): (Option<ModeRange>, ModeCount),
     mechanism: bool,
 ) -> Result<(Form, Option<String>)> {
     let mass = Form::Cells(consistent.clone());
     // The tips of compliant stops are dofs without mass, which give the plate no further modes.
     let masses = engine.diagonal(&(&mass).into())?;
     let dofs = engine.comm().all_reduce_sum(masses.iter().filter(|mass| **mass > 0.0).count());
-    let default = ModeRange::Count(MODES.min(dofs / ADVISED).max(1));
+    let default = ModeRange::Count(number.usual.min(dofs / ADVISED).max(1));
     let too_many = |key: &str, count: usize| {
         let most = dofs / ADVISED;
         Err(Error::Scene(format!(
@@ -90,6 +106,13 @@ fn modal_mass<E: Engine>(
     let (modes, next) =
         modes::kept_basis(modes::current_store(), engine, [stiffness, &mass], range, mechanism)?;
     let squares = &modes.squares;
+    if squares.len() > number.most {
+        return Err(Error::Scene(format!(
+            "time.modes: {} modes have too many pairs for in_plane.stretching; expected at most {}",
+            squares.len(),
+            number.most
+        )));
+    }
     if matches!(range, ModeRange::UpTo(_)) && squares.len() > dofs / REFUSED {
         return too_many("up_to", squares.len());
     }

@@ -24,6 +24,7 @@ mod rigid;
 mod sliders;
 mod start;
 mod statics;
+mod stretching;
 mod units;
 
 pub(super) use attribution::Attribution;
@@ -43,6 +44,7 @@ use crate::partition::Partition;
 use crate::scheme::{Start, System, TimeDependence};
 use heights::Heights;
 use loads::Loads;
+use std::rc::Rc;
 use std::time::Instant;
 
 /// Matrices of a scene, in element contributions.
@@ -138,6 +140,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         bound_numbers: None,
         drive: TimeDependence::default(),
     };
+    system.drive.stretching = stretching::form(ground, &system)?.map(Rc::new);
 
     // C and the damping of modes.
     let dashpots = ground.terms.dashpots(system.damping.stiffness, ground.comm());

@@ -6,6 +6,7 @@ use super::ground::BuildContext;
 use super::heights;
 use super::motion::Lift;
 use super::of_cells::OfCells;
+use super::stretching;
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
@@ -109,7 +110,9 @@ pub(super) fn start<E: OfCells, P: Partition>(
         velocity = v;
         u
     } else if initial.equilibrium || !initial.static_pressure.is_zero() {
-        ground.at_rest(system, mechanism)?
+        let mut rest = ground.at_rest(system, mechanism)?;
+        stretching::settle(initial.key(), system, &mut rest)?;
+        rest
     } else {
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
         ground.owned(&space.interpolate(&comm.all_ok(shape)?), engine.dofs())

@@ -18,8 +18,8 @@ use nalgebra::Matrix2;
 
 /// Adds the geometric stiffness. Collective.
 pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contributions) -> Result<()> {
-    let Some(in_plane) = &ground.scene.in_plane else { return Ok(()) };
-    let (mesh, tension) = (ground.mesh, &in_plane.tension);
+    let Some(tension) = ground.scene.tension() else { return Ok(()) };
+    let mesh = ground.mesh;
     let rules = rules(ground, tension)?;
     let force = |point: Point| membrane_force(tension, point);
     let matrices = ground.comm().all_ok(assembly::prestress(mesh, &force, &rules))?;
@@ -44,9 +44,9 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
 /// # Errors
 /// Returns the errors of the formulas.
 pub(in crate::simulation::effects) fn presses<P: Partition>(ground: &BuildContext<P>) -> Result<bool> {
-    let Some(in_plane) = &ground.scene.in_plane else { return Ok(false) };
+    let Some(tension) = ground.scene.tension() else { return Ok(false) };
     let presses = |&node: &Point| {
-        let [xx, yy, xy] = components(&in_plane.tension, node)?;
+        let [xx, yy, xy] = components(tension, node)?;
         Ok(xx < 0.0 || yy < 0.0 || xx * yy < xy * xy)
     };
     let presses: Result<Vec<bool>> = ground.mesh.nodes.iter().map(presses).collect();

@@ -1,0 +1,218 @@
+//! Energy of stretching in modes.
+//!
+//! The strain of w = sum q_i phi_i is a quadratic form of the modal coordinates q, once the
+//! displacement in the plane follows each pair of modes. Its energy is a quartic form,
+//!
+//! ```math
+//! V = \tfrac12 \sum_k s_k^2, \qquad s_k = q^T H_k\, q, \qquad \nabla V = 2 \sum_k s_k H_k\, q .
+//! ```
+//!
+//! The matrices H_k are the principal directions of the weighted strains of all pairs, each pair
+//! scaled to modes of equal energy. Directions of less than a millionth of the largest are left
+//! out.
+
+use super::{Membrane, MembraneCell};
+use crate::error::Result;
+use crate::kernels::lanes::dot;
+use crate::kernels::wide::widest;
+use crate::linalg::eigen::symmetric_eigen;
+use crate::linalg::vectors::axpy;
+use faer::Mat;
+use nalgebra::Vector3;
+use pulp::Arch;
+
+/// Singular value below which a direction is left out, relative to the largest.
+const LEAST: f64 = 1e-6;
+
+/// Number of cells whose strains are kept at once.
+const CELLS: usize = 64;
+
+/// Energy of stretching as a form of modal coordinates; see the [module page](self).
+#[derive(Debug, Clone, PartialEq)]
+pub struct QuarticForm {
+    modes: usize,
+    /// Matrices H_k, one after the other, symmetric, in the root of J per square of a coordinate.
+    forms: Vec<f64>,
+}
+
+/// Values of a [`QuarticForm`] at a position.
+#[derive(Debug, Clone, Default)]
+pub struct Stretch {
+    /// Strains s_k, in the root of J.
+    strains: Vec<f64>,
+    /// Products H_k q, one after the other.
+    products: Vec<f64>,
+}
+
+impl QuarticForm {
+    /// Returns the form for modes with squared frequencies ((rad/s)^2), given by their deflections
+    /// and slopes at all nodes, three per node.
+    ///
+    /// # Errors
+    /// Returns the errors of the factor of the membrane.
+    pub fn new(membrane: &mut Membrane, shapes: &[Vec<f64>], squares: &[f64]) -> Result<QuarticForm> {
+        let modes = shapes.len();
+        let pairs: Vec<[usize; 2]> = (0..modes).flat_map(|i| (i..modes).map(move |j| [i, j])).collect();
+        let mut displacements = Mat::zeros(membrane.dofs, pairs.len());
+        for cell in &membrane.cells {
+            let gradients = cell.gradients(shapes);
+            for (p, &pair) in pairs.iter().enumerate() {
+                let strains = cell.pair_strains(&gradients, pair);
+                cell.add_force(&strains, displacements.col_as_slice_mut(p));
+            }
+        }
+        membrane.factor.solve_columns(&mut displacements)?;
+        let mut gram = Mat::zeros(pairs.len(), pairs.len());
+        for cells in membrane.cells.chunks(CELLS) {
+            let strains = strains(cells, shapes, &pairs, &displacements);
+            gram += strains.transpose() * &strains;
+        }
+        let lowest = squares.iter().copied().find(|square| *square > 0.0).unwrap_or(1.0);
+        let scale = |i: usize| 1.0 / squares[i].max(lowest).sqrt();
+        let scales: Vec<f64> = pairs.iter().map(|&[i, j]| scale(i) * scale(j)).collect();
+        let scaled = Mat::from_fn(pairs.len(), pairs.len(), |a, b| scales[a] * scales[b] * gram[(a, b)]);
+        let (values, vectors) = symmetric_eigen(scaled.as_ref())?;
+        let largest = values.last().copied().unwrap_or(0.0);
+        let mut forms = Vec::new();
+        for k in (0..values.len()).rev().filter(|&k| values[k] > LEAST * LEAST * largest) {
+            let mut form = vec![0.0; modes * modes];
+            for (p, &[i, j]) in pairs.iter().enumerate() {
+                let coefficient = values[k].sqrt() * vectors[(p, k)] / scales[p];
+                // The coefficient of a pair of two modes is that of both orders.
+                form[i * modes + j] += 0.5 * coefficient;
+                form[j * modes + i] += 0.5 * coefficient;
+            }
+            forms.extend(form);
+        }
+        Ok(QuarticForm { modes, forms })
+    }
+
+    /// Returns the number of matrices H_k.
+    pub fn rank(&self) -> usize {
+        self.forms.len() / (self.modes * self.modes).max(1)
+    }
+
+    /// Evaluates the form at a position.
+    pub fn evaluate(&self, q: &[f64], stretch: &mut Stretch) {
+        let Stretch { strains, products } = stretch;
+        products.resize(self.forms.len() / self.modes, 0.0);
+        strains.resize(products.len() / self.modes, 0.0);
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                // Iterators would not be inlined here.
+                let size = self.modes;
+                for k in 0..strains.len() {
+                    let product = &mut products[k * size..(k + 1) * size];
+                    for i in 0..size {
+                        let row = (k * size + i) * size;
+                        product[i] = dot(&self.forms[row..row + size], q);
+                    }
+                    strains[k] = dot(product, q);
+                }
+            },
+        );
+    }
+
+    /// Returns the Hessian of V at an evaluated position, in 1/s^2.
+    pub fn hessian(&self, stretch: &Stretch) -> Mat<f64> {
+        let mut hessian = Mat::zeros(self.modes, self.modes);
+        let parts = stretch.strains.iter().zip(stretch.products.chunks_exact(self.modes));
+        for ((s, product), form) in parts.zip(self.forms.chunks_exact(self.modes * self.modes)) {
+            for j in 0..self.modes {
+                let column = hessian.col_as_slice_mut(j);
+                axpy(4.0 * product[j], product, column);
+                axpy(2.0 * s, &form[j * self.modes..(j + 1) * self.modes], column);
+            }
+        }
+        hessian
+    }
+}
+
+impl Stretch {
+    /// Returns the energy V, in J.
+    pub fn energy(&self) -> f64 {
+        0.5 * self.strains.iter().map(|strain| strain * strain).sum::<f64>()
+    }
+
+    /// Adds a multiple of the gradient of V to `y`.
+    pub fn add_gradient(&self, factor: f64, y: &mut [f64]) {
+        let size = y.len();
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                for (k, s) in self.strains.iter().enumerate() {
+                    let (weight, product) = (2.0 * factor * s, &self.products[k * size..(k + 1) * size]);
+                    for i in 0..size {
+                        y[i] += weight * product[i];
+                    }
+                }
+            },
+        );
+    }
+
+    /// Returns the coefficients of 1, gamma, ..., gamma^4 of V on the line from this position by
+    /// gamma times an increment, at whose end the values are those of `end`, in J.
+    pub fn along(&self, increment: &[f64], end: &Stretch) -> [f64; 5] {
+        let mut sum = [0.0; 5];
+        let products = self.products.chunks_exact(increment.len().max(1));
+        for ((a, last), product) in self.strains.iter().zip(&end.strains).zip(products) {
+            let b =
+                2.0 * product.iter().zip(increment).map(|(product, change)| product * change).sum::<f64>();
+            let c = last - a - b;
+            let terms = [0.5 * a * a, a * b, 0.5 * b * b + a * c, b * c, 0.5 * c * c];
+            sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+        }
+        sum
+    }
+}
+
+impl MembraneCell {
+    /// Returns the gradients of some deflections at the points, point by point.
+    fn gradients(&self, shapes: &[Vec<f64>]) -> Vec<Vec<[f64; 2]>> {
+        let of_shape = |point: &super::StrainPoint, shape: &[f64]| {
+            point.gradient(self.places.iter().map(|&place| shape[place]))
+        };
+        self.points.iter().map(|point| shapes.iter().map(|shape| of_shape(point, shape)).collect()).collect()
+    }
+
+    /// Returns the weighted strains at the points by the slopes of a pair of modes: both orders of
+    /// two different modes.
+    fn pair_strains(&self, gradients: &[Vec<[f64; 2]>], [i, j]: [usize; 2]) -> Vec<Vector3<f64>> {
+        let share = if i == j { 0.5 } else { 1.0 };
+        let strain = |(point, gradients): (&super::StrainPoint, &Vec<[f64; 2]>)| {
+            let ([ax, ay], [bx, by]) = (gradients[i], gradients[j]);
+            point.root * Vector3::new(ax * bx, 0.5 * (ax * by + ay * bx), ay * by) * share
+        };
+        self.points.iter().zip(gradients).map(strain).collect()
+    }
+}
+
+/// Returns the weighted strains of all pairs in some cells: three rows per point, a column per
+/// pair.
+fn strains(
+    cells: &[MembraneCell],
+    shapes: &[Vec<f64>],
+    pairs: &[[usize; 2]],
+    displacements: &Mat<f64>,
+) -> Mat<f64> {
+    let rows = cells.iter().map(|cell| 3 * cell.points.len()).sum();
+    let mut result = Mat::zeros(rows, pairs.len());
+    let mut first = 0;
+    for cell in cells {
+        let gradients = cell.gradients(shapes);
+        for (p, &pair) in pairs.iter().enumerate() {
+            let local = cell.local(displacements.col_as_slice(p));
+            let slopes = cell.pair_strains(&gradients, pair);
+            let column = result.col_as_slice_mut(p);
+            for (k, (point, slope)) in cell.points.iter().zip(&slopes).enumerate() {
+                let strain = point.weighted_strain(&local) + slope;
+                column[first + 3 * k..first + 3 * (k + 1)].copy_from_slice(strain.as_slice());
+            }
+        }
+        first += 3 * cell.points.len();
+    }
+    result
+}

@@ -1,0 +1,129 @@
+//! Stretching: the energy of the mid-plane, in the modes that carry the inertia.
+
+use super::ground::BuildContext;
+use super::of_cells::OfCells;
+use crate::dof_map::{Place, Support};
+use crate::error::{Error, Result};
+use crate::linalg::vectors::{axpy, dot};
+use crate::linalg::{Form, MassModes};
+use crate::membrane::{InPlaneHold, Membrane, QuarticForm, Stretch, spaces};
+use crate::partition::Partition;
+use crate::scheme::System;
+use crate::simulation::plate_assembly::PlateAssembly;
+use crate::simulation::{phase, regions};
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+
+/// Largest number of Newton's iterations, and of halvings of one.
+const ITERATIONS: usize = 100;
+const HALVINGS: usize = 40;
+
+/// Residual of an equilibrium, relative to the load, at which the iteration ends.
+const SETTLED: f64 = 1e-13;
+
+/// Returns the energy of stretching in the modes of the mass; `None` where the scene has none.
+///
+/// # Errors
+/// Returns the errors of the supports and of the membrane.
+pub(super) fn form<E: OfCells, P: Partition>(
+    ground: &BuildContext<P>,
+    system: &System<E>,
+) -> Result<Option<QuarticForm>> {
+    let BuildContext { scene, mesh, space, .. } = *ground;
+    let (true, Form::Modal { modes, .. }) = (scene.stretches(), &system.mass) else { return Ok(None) };
+    phase("stretching");
+    let supports = regions::supports(scene, mesh, ground.comm())?;
+    let held = scene.supports.iter().zip(supports).filter_map(|(support, (place, kind))| {
+        let usual = match kind {
+            Support::Clamped | Support::SimplySupported => InPlaneHold::Held,
+            Support::Guided | Support::Elastic => InPlaneHold::Free,
+        };
+        match place {
+            Place::Edges(sides) => Some((sides, support.in_plane.unwrap_or(usual))),
+            Place::Nodes(_) => None,
+        }
+    });
+    let spaces = spaces(mesh, &held.collect::<Vec<_>>())?;
+    let mut membrane = Membrane::new(mesh, &spaces, &PlateAssembly::new(scene, mesh, ground.comm())?)?;
+    let shape = |k: usize| space.shape(modes.shapes.col_as_slice(k));
+    let shapes: Vec<Vec<f64>> = (0..modes.count()).map(shape).collect();
+    QuarticForm::new(&mut membrane, &shapes, &modes.squares).map(Some)
+}
+
+/// Moves the equilibrium of a plate that only bends, in m, to the one of the plate that stretches:
+/// the modes follow
+///
+/// ```math
+/// \Omega^2 q + \nabla V(q) = \Omega^2 q_0
+/// ```
+///
+/// from the modal coordinates q_0 of the former, and the rest stays.
+///
+/// # Errors
+/// Returns [`Error::Scene`] where the former touches an obstacle, [`Error::Unfinished`] where
+/// Newton's method ends elsewhere, and the errors of the engine.
+pub(super) fn settle<E: OfCells>(key: &str, system: &System<E>, displacement: &mut [f64]) -> Result<()> {
+    let (Some(form), Form::Modal { modes, .. }) = (&system.drive.stretching, &system.mass) else {
+        return Ok(());
+    };
+    let bounds = &system.bounds;
+    let limits = bounds.dofs.iter().zip(bounds.lower.iter().zip(&bounds.upper));
+    if limits.into_iter().any(|(&dof, (lower, upper))| !(*lower..*upper).contains(&displacement[dof])) {
+        return Err(Error::Scene(format!(
+            "{key}: the plate that only bends touches an obstacle at rest, from which in_plane.stretching finds no \
+             equilibrium; expected a start without contact"
+        )));
+    }
+    let mut start = vec![0.0; modes.count()];
+    system.engine.project(&system.mass, displacement, &mut start)?;
+    let q = equilibrium(form, modes, &start)?;
+    let change: Vec<f64> = q.iter().zip(&start).map(|(q, start)| q - start).collect();
+    modes.add_shapes(&change, displacement);
+    Ok(())
+}
+
+/// Returns the modal coordinates of the equilibrium, given those without stretching.
+fn equilibrium(form: &QuarticForm, modes: &MassModes, start: &[f64]) -> Result<Vec<f64>> {
+    let squares = &modes.squares;
+    let load: Vec<f64> = start.iter().zip(squares).map(|(q, square)| square * q).collect();
+    let mut stretch = Stretch::default();
+    let energy = |q: &[f64], stretch: &mut Stretch| {
+        form.evaluate(q, stretch);
+        let bending: f64 = q.iter().zip(squares).map(|(q, square)| 0.5 * square * q * q).sum();
+        bending + stretch.energy() - dot(&load, q)
+    };
+    let mut q = vec![0.0; start.len()];
+    let mut least = energy(&q, &mut stretch);
+    let size = dot(&load, &load).sqrt();
+    for _ in 0..ITERATIONS {
+        let mut pull = load.clone();
+        pull.iter_mut().zip(q.iter().zip(squares)).for_each(|(pull, (q, square))| *pull -= square * q);
+        stretch.add_gradient(-1.0, &mut pull);
+        if dot(&pull, &pull).sqrt() <= SETTLED * size {
+            return Ok(q);
+        }
+        let mut tangent = form.hessian(&stretch);
+        squares.iter().enumerate().for_each(|(k, square)| tangent[(k, k)] += square);
+        let right = Mat::from_fn(pull.len(), 1, |k, _| pull[k]);
+        let step = tangent.partial_piv_lu().solve(&right);
+        let mut length = 1.0;
+        let mut settles = false;
+        for _ in 0..HALVINGS {
+            let mut next = q.clone();
+            axpy(length, step.col_as_slice(0), &mut next);
+            let now = energy(&next, &mut stretch);
+            // At the end rounding hides the descent.
+            if now <= least + f64::EPSILON * least.abs() {
+                settles = next == q || now >= least && dot(&pull, &pull).sqrt() <= 1e3 * SETTLED * size;
+                (q, least) = (next, now);
+                break;
+            }
+            length *= 0.5;
+        }
+        if settles {
+            return Ok(q);
+        }
+        form.evaluate(&q, &mut stretch);
+    }
+    Err(Error::Unfinished("initial: no equilibrium of the plate that stretches was reached".into()))
+}

@@ -1,0 +1,135 @@
+//! Plates whose mid-plane stretches, in modes: equilibria and frequencies of another program, the
+//! energy through impacts, and restarts.
+
+use crate::common::scenes::{all_round, close, grid, refusal, run};
+use serde_json::Value;
+use std::f64::consts::PI;
+
+/// Plate of 1 m x 1 m and h = 1 cm with D = 1 N m and rho h = 1 kg/m2, so that lambda = omega.
+const SQUARE: &str = "plate = { length = 1, width = 1, thickness = 0.01, youngs_modulus = 10.92e6, \
+                      poissons_ratio = 0.3, density = 100 }\n";
+const THICKNESS: f64 = 0.01;
+
+/// Returns a plate with an edge all round, held or free in its plane.
+fn scene(kind: &str, in_plane: &str, cells: usize, rest: &str) -> String {
+    let supports = all_round(kind).replace("kind =", &format!("in_plane = \"{in_plane}\", kind ="));
+    format!(
+        "{SQUARE}{supports}{}in_plane.stretching = true\n{rest}\n\
+         output = {{ probes = [{{ name = \"centre\", at = [0.5, 0.5] }}] }}\n",
+        grid("fvs", cells, cells)
+    )
+}
+
+/// Asserts that values on 8 and 16 cells tend to the exact one with order 2, and that their
+/// extrapolation is within a tolerance.
+fn converges(what: &str, exact: f64, tolerance: f64, value: impl Fn(usize) -> f64) {
+    let [coarse, fine] = [8, 16].map(&value);
+    let order = ((coarse / exact - 1.0) / (fine / exact - 1.0)).abs().log2();
+    println!("{what}: {coarse}, {fine} for {exact}, order {order:.2}");
+    assert!((1.6..=2.6).contains(&order), "{what}: order {order}");
+    close(what, (4.0 * fine - coarse) / 3.0, exact, tolerance);
+}
+
+#[test]
+fn equilibria_of_squares() {
+    let reference: Value = serde_json::from_str(include_str!("../data/inplane.json")).unwrap();
+    for (name, kind) in [("SSSS", "simply_supported"), ("CCCC", "clamped")] {
+        for in_plane in ["held", "free"] {
+            let key = format!("{name} {in_plane}");
+            for load in ["10", "40"] {
+                let exact = reference["square_static_w_over_h_by_P"][load][&key].as_f64().unwrap();
+                // P = q a^4 / (E h^4)
+                let pressure = load.parse::<f64>().unwrap() * 10.92e6 * THICKNESS.powi(4);
+                let rest = format!(
+                    "load.pressure = {pressure}\ninitial.equilibrium = true\n\
+                     time = {{ scheme = 'conserving', mass = 'modal', modes = 30, step = 1e-3, end = 1e-3 }}"
+                );
+                let value = |cells| run(&scene(kind, in_plane, cells, &rest))[0].probes[0] / THICKNESS;
+                converges(&format!("{key}, P = {load}"), exact, 2e-4, value);
+            }
+        }
+    }
+}
+
+/// Frequency of w'' + w + alpha w^3 = 0 at an amplitude, by the integral over a quarter period.
+fn duffing(alpha: f64, amplitude: f64) -> f64 {
+    let count = 1000;
+    let speed = |k: usize| {
+        let sine = (0.5 * PI * (k as f64 + 0.5) / f64::from(count)).sin();
+        (1.0 + 0.5 * alpha * amplitude.powi(2) * (1.0 + sine * sine)).sqrt()
+    };
+    1.0 / ((0..count as usize).map(|k| 1.0 / speed(k)).sum::<f64>() / f64::from(count))
+}
+
+/// A single mode moves as an oscillator of Duffing.
+#[test]
+fn frequencies_of_one_mode() {
+    for (in_plane, alpha) in [("held", 1.322948), ("normal", 1.31625), ("free", 0.1772359)] {
+        let exact = duffing(alpha, 1.0);
+        let frequency = |cells| {
+            let rest = "initial.deflection = '0.01*sin(pi*x)*sin(pi*y)'\n\
+                        time = { scheme = 'conserving', mass = 'modal', modes = 1, step = 1e-3, end = 2 }";
+            let rows = run(&scene("simply_supported", in_plane, cells, rest));
+            let crosses = rows.windows(2).enumerate().filter_map(|(k, pair)| {
+                let [from, to] = [pair[0].probes[0], pair[1].probes[0]];
+                ((from > 0.0) != (to > 0.0)).then(|| k as f64 + from / (from - to))
+            });
+            let instants: Vec<f64> = crosses.collect();
+            let span = (instants[instants.len() - 1] - instants[0]) * 1e-3;
+            PI * (instants.len() - 1) as f64 / span / (2.0 * PI * PI)
+        };
+        converges(in_plane, exact, 1e-3, frequency);
+    }
+}
+
+/// A strip between held ends, released from five thicknesses above stops.
+fn strip(step: f64, end: f64, more: &str) -> String {
+    format!(
+        "plate = {{ length = 1, width = 0.2, thickness = 0.002, youngs_modulus = 210e9, poissons_ratio = 0.3, \
+         density = 7770 }}\n{}in_plane.stretching = true\n\
+         support = [{{ edge = \"left\", kind = \"clamped\" }}, {{ edge = \"right\", kind = \"clamped\" }}]\n\
+         obstacle = [{{ side = \"below\", height = -3e-3, where = \"x > 0.45 and x < 0.55\" }}]\n\
+         initial.deflection = \"0.0096*16*x^2*(1 - x)^2\"\n\
+         time = {{ scheme = \"conserving\", mass = \"modal\", modes = 12, step = {step:?}, end = {end:?} }}\n{more}\n",
+        grid("fvs", 20, 4)
+    )
+}
+
+#[test]
+fn impacts_keep_the_energy_at_any_step() {
+    for step in [4e-5, 2e-5, 1e-5, 5e-6] {
+        let rows = run(&strip(step, 4000.0 * step, ""));
+        let start = rows[0].energy;
+        let worst = rows.iter().map(|row| (row.energy / start - 1.0).abs()).fold(0.0, f64::max);
+        let impacts =
+            rows.windows(2).filter(|pair| pair[0].contact_force == 0.0 && pair[1].contact_force > 0.0);
+        let impacts = impacts.count();
+        assert!(worst <= 1e-12, "{step}: {worst:e}");
+        assert!(impacts >= if step < 1e-5 { 1 } else { 2 }, "{step}: {impacts}");
+    }
+}
+
+/// The motion up to the first impact is of second order in the step.
+#[test]
+fn motions_converge_with_order_two() {
+    let centre = |step: f64| {
+        let rows = run(&strip(step, 0.008, "output.probes = [{ name = \"c\", at = [0.5, 0.1] }]"));
+        rows[rows.len() - 1].probes[0]
+    };
+    let [a, b, c] = [4e-5, 2e-5, 1e-5].map(centre);
+    let order = ((a - b) / (b - c)).abs().log2();
+    assert!((1.7..=2.5).contains(&order), "{order}: {a}, {b}, {c}");
+}
+
+#[test]
+fn what_does_not_stretch_is_refused() {
+    let time = "time = { scheme = 'newmark', mass = 'modal', modes = 4, step = 1e-3, end = 1e-3 }";
+    let error = refusal(&scene("clamped", "held", 4, time)).to_string();
+    assert!(error.contains("time.scheme: contradicts in_plane.stretching"), "{error}");
+    let many = "time = { scheme = 'conserving', mass = 'modal', modes = 61, step = 1e-3, end = 1e-3 }";
+    let error = refusal(&scene("clamped", "held", 12, many)).to_string();
+    assert!(error.contains("time.modes: 61 modes"), "{error}");
+    let without = scene("clamped", "held", 4, time).replace("in_plane.stretching = true\n", "");
+    let error = refusal(&without).to_string();
+    assert!(error.contains("support.0.in_plane") && error.contains("in_plane.stretching"), "{error}");
+}
