@@ -28,7 +28,7 @@ TOLERANCE = (30, 0.05)
 CAPABILITIES = {
     "Ground: errors, geometry, archives, hashes": [
         "archive.rs", "communicator.rs", "error.rs", "geometry.rs", "hash.rs", "input.rs", "lib.rs", "main.rs", "memory.rs",
-        "partition.rs", "random.rs",
+        "partition.rs",
     ],
     "Formulas of scenes": ["field"],
     "Elements": ["element"],
@@ -67,6 +67,7 @@ CAPABILITIES = {
     "Report in the browser": ["output/report"],
     "Studies, checks and comparisons": ["study"],
     "Accuracy against time": ["study/accuracy"],
+    "Random numbers": ["random"],
     "Sweeps": ["sweep"],
     "Commands": ["cli"],
 }

@@ -13,7 +13,7 @@
 //! | [`error`] | the error type and its exit codes |
 //! | [`communicator`] | collective operations over all ranks, with the verbs of MPI |
 //! | [`memory`] | available memory, and refusal of work that does not fit |
-//! | [`random`] | pseudo-random vectors, the same on every machine |
+//! | [`random`] | pseudo-random numbers, distributions and points, the same on every machine |
 //! | [`archive`] | saving and restoring the state of a run |
 //! | [`motion`] | a state from which another run starts |
 //! | [`geometry`] | points and polygons |
@@ -41,7 +41,7 @@
 //! | [`simulation`] | the model, the main loop and its observers |
 //! | [`output`] | csv, json, vtu, svg, png, html, progress |
 //! | [`study`] | inspection, inf-sup constant, comparisons, accuracy, the paper's figures |
-//! | [`sweep`] | many runs over one or two keys of a scene |
+//! | [`sweep`] | many runs over one or two keys of a scene, or with random values |
 //! | [`cli`] | the command |
 //!
 //! Readers of the paper find its parts here:

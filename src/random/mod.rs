@@ -1,4 +1,14 @@
-//! Pseudo-random vectors, the same in every run and on every machine.
+//! Pseudo-random numbers, the same in every run and on every machine: vectors, distributions, and
+//! the points of random sweeps.
+
+mod correlation;
+mod distribution;
+mod normal;
+mod points;
+
+pub use correlation::Correlation;
+pub use distribution::Distribution;
+pub use points::PointSet;
 
 /// Generator of 64 random bits at a time (SplitMix64).
 #[derive(Debug, Clone)]
