@@ -1,6 +1,6 @@
 //! Command `rebond sweep`.
 
-use super::arguments::{SceneArgs, overrides, refuse_petsc_options};
+use super::arguments::{SceneArgs, overrides, refuse_petsc_options, toml};
 use super::command::{Execute, Program};
 use super::printing::command_line;
 #[cfg(feature = "petsc")]
@@ -16,7 +16,7 @@ use crate::output::progress::moving_line;
 use crate::scene::{EngineName, Scene, SweepSpec};
 #[cfg(not(feature = "petsc"))]
 use crate::simulation::Model;
-use crate::sweep::{self, Loader, SweepReport, SweepRow, SweepStore};
+use crate::sweep::{self, Loader, SweepReport, SweepRow, SweepStatistics, SweepStore};
 #[cfg(feature = "petsc")]
 use crate::sweep::{RankedSweep, SweepPart};
 use clap::Args;
@@ -30,11 +30,13 @@ Examples:
   rebond sweep shaker.toml                                  # the scene's table [sweep]
   rebond sweep shaker.toml --over frequency=15..30:61 --period 1/frequency --up-and-down
   rebond sweep shaker.toml --over frequency=15..30:16 --over amplitude=1e-4,2e-4 --jobs 2
+  rebond sweep shaker.toml --random 'plate.thickness=normal(1e-3,1e-5)' --runs 10000 --criterion 'peak_force > 100'
   mpirun -n 2 rebond sweep shaker.toml --ranks-per-run 1    # on PETSc, two runs at a time
 
 Ctrl-C stops it; the same command goes on with the runs that are missing.";
 
-/// Make many runs over one or two keys: response curves, bifurcation diagrams, maps
+/// Make many runs over one or two keys: response curves, bifurcation diagrams, maps; or with random
+/// values: probabilities, distributions, sensitivities
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct SweepArgs {
@@ -52,6 +54,9 @@ pub(super) struct SweepArgs {
     /// Number of ranks of each run on PETSc; default: all that mpirun started
     #[arg(long, value_name = "N", conflicts_with = "jobs")]
     ranks_per_run: Option<NonZeroUsize>,
+    /// Make one run alone, by its number from 0 on, and write no files
+    #[arg(long, value_name = "N", conflicts_with_all = ["out", "overwrite", "jobs", "ranks_per_run"])]
+    only: Option<usize>,
     #[command(flatten)]
     settings: Settings,
 }
@@ -64,6 +69,27 @@ struct Settings {
     #[arg(long, value_name = "KEY=VALUES")]
     #[serde(skip)]
     over: Vec<String>,
+    /// Key or parameter with random values: plate.thickness=normal(1e-3,1e-5); may be repeated
+    #[arg(long, value_name = "KEY=DISTRIBUTION", conflicts_with = "over")]
+    #[serde(skip)]
+    random: Vec<String>,
+    /// Correlation of two random keys: plate.thickness,plate.density=-0.3; may be repeated
+    #[arg(long, value_name = "KEY,KEY=NUMBER")]
+    #[serde(skip)]
+    correlation: Vec<String>,
+    /// Number of runs with random values
+    #[arg(long, value_name = "N")]
+    runs: Option<String>,
+    /// Seed of the random values
+    #[arg(long, value_name = "N")]
+    seed: Option<String>,
+    /// How random values are drawn: plain | latin | sobol | saltelli (sensitivity indices)
+    #[arg(long, value_name = "POINTS", value_parser = toml::word)]
+    points: Option<String>,
+    /// Condition whose probability counts: 'peak_force > 100'; may be repeated
+    #[arg(long, value_name = "CONDITION", allow_hyphen_values = true)]
+    #[serde(skip)]
+    criterion: Vec<String>,
     /// Start each run where that of the value before ended
     #[arg(long, conflicts_with_all = ["down", "up_and_down"])]
     #[serde(skip)]
@@ -95,12 +121,22 @@ struct Settings {
 
 impl Settings {
     fn overrides(&self) -> Vec<String> {
-        let over: Vec<String> = self.over.iter().map(|over| format!("{over:?}")).collect();
-        let over = (!over.is_empty()).then(|| format!("sweep.over=[{}]", over.join(", ")));
+        let texts = |key: &str, texts: &[String]| {
+            let texts: Vec<String> = texts.iter().map(|text| format!("{text:?}")).collect();
+            (!texts.is_empty()).then(|| format!("sweep.{key}=[{}]", texts.join(", ")))
+        };
+        // Random values replace the swept ones of the scene.
+        let over = match self.random.is_empty() {
+            true => texts("over", &self.over),
+            false => Some("sweep.over=[]".into()),
+        };
+        let random = [("random", &self.random), ("correlation", &self.correlation)];
+        let lists = random.into_iter().chain([("criterion", &self.criterion)]);
+        let lists = lists.filter_map(|(key, list)| texts(key, list));
         let direction = [(self.up, "up"), (self.down, "down"), (self.up_and_down, "up_and_down")];
         let direction = direction.iter().filter(|(is_on, _)| *is_on);
         let direction = direction.map(|(_, word)| format!("sweep.direction={word:?}"));
-        over.into_iter().chain(direction).chain(overrides("sweep", self)).collect()
+        over.into_iter().chain(lists).chain(direction).chain(overrides("sweep", self)).collect()
     }
 }
 
@@ -115,11 +151,12 @@ impl Execute for SweepArgs {
                 "has no [sweep]; expected --over with --period, such as --over 'load.pressure=90..250:161'";
             return Err(Error::Usage(format!("{}: it {wrong}", self.scene.scene.display())));
         };
-        let groups = sweep::groups(sweep);
-        if let Some(first) = groups.first().and_then(|runs| runs.first()) {
+        if let Some(typical) = sweep::typical_run(sweep) {
             // A key that does not exist ends the sweep before its first run.
-            sweep::scene_at(sweep, &load, &first.values)?;
+            sweep::scene_at(sweep, &load, &typical.values)?;
         }
+        sweep::check_criteria(&scene)
+            .map_err(|wrong| Error::Scene(format!("{}: {wrong}", self.scene.scene.display())))?;
         match scene.solver.engine {
             EngineName::Native => self.in_process(&scene, sweep, &load),
             #[cfg(feature = "petsc")]
@@ -135,6 +172,9 @@ impl SweepArgs {
     fn in_process(&self, scene: &Scene, sweep: &SweepSpec, load: &Loader) -> Result<()> {
         launch::one_process("the native engine runs")?;
         refuse_petsc_options(&self.scene.petsc)?;
+        if let Some(run) = self.only {
+            return self.make_one(scene, sweep, load, run);
+        }
         if self.ranks_per_run.is_some() {
             return Err(Error::Usage("--ranks-per-run: runs on ranks need --engine petsc".into()));
         }
@@ -153,9 +193,35 @@ impl SweepArgs {
         self.finish(scene, &folder, store, rows.map(drop))
     }
 
+    /// Makes one run of the sweep, and tells how `rebond run` makes it.
+    fn make_one(&self, scene: &Scene, sweep: &SweepSpec, load: &Loader, run: usize) -> Result<()> {
+        signal::listen()?;
+        let cache = self.scene.open_cache();
+        let row = sweep::conduct_one(sweep, load, run, &|| signal::signal_received())?;
+        drop(cache);
+        let mut text = String::new();
+        if let Ok((made, _)) = sweep::scene_at(sweep, load, &row.values) {
+            let mut words = vec![format!("rebond run {}", self.scene.scene.display())];
+            let keys = sweep.keys().zip(&row.values);
+            words.extend(keys.map(|((_, key), value)| format!("--set {key}={}", sweep::spell(*value))));
+            words.push(format!("--set time.step={:?} --set time.end={:?}", made.time.step, made.time.end));
+            text += &format!("{}\n", words.join(" "));
+        }
+        let report = SweepReport::new(scene, command_line(), vec![row]);
+        for (head, cell) in report.lines().first().into_iter().flatten().zip(&report.lines()[1]) {
+            if !cell.is_empty() && !head.ends_with("_section") {
+                text += &format!("  {head}: {cell}\n");
+            }
+        }
+        self.scene.voice.print(&text, &report.rows[0])
+    }
+
     /// Makes the runs on PETSc, on groups of ranks. Collective.
     #[cfg(feature = "petsc")]
     fn on_ranks(&self, scene: &Scene, spec: &SweepSpec, load: &Loader) -> Result<()> {
+        if self.only.is_some() {
+            return Err(Error::Usage("--only: one run needs --engine native".into()));
+        }
         if self.jobs.get() > 1 {
             return Err(Error::Usage("--jobs: on PETSc expected --ranks-per-run, and mpirun -n".into()));
         }
@@ -218,8 +284,8 @@ impl SweepArgs {
             store.clear_states()?;
         }
         let shown = folder.display();
-        let mut text =
-            format!("{}\n{} runs, {} failed\n", report.title, report.rows.len(), report.failures());
+        let mut text = report.statistics.as_ref().map_or(String::new(), SweepStatistics::text);
+        text += &format!("{}\n{} runs, {} failed\n", report.title, report.rows.len(), report.failures());
         text += &format!("{shown}/{}, {}\n", sweep::CSV, sweep::JSON);
         text += &pictures;
         self.scene.voice.print(&text, &report)

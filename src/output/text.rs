@@ -222,7 +222,7 @@ pub fn significant(value: f64) -> String {
 }
 
 /// Formats some significant digits as [`significant`] formats five.
-fn significant_digits(value: f64, digits: usize) -> String {
+pub fn significant_digits(value: f64, digits: usize) -> String {
     if value == 0.0 {
         return "0".into(); // which -0.0 is too
     }

@@ -4,7 +4,7 @@ use super::document::{Document, Value, join, quote, spell};
 use super::entry::{Kind, Range, Schema, Table as _, object, table};
 use super::given::{FieldInput, MeasuredTable};
 use super::words::Choice;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, suggestion};
 use crate::field::{Condition, Field, Interpolation, Names, Parameters, Table, check_parameter};
 use serde_json::json;
 use std::fmt::Display;
@@ -274,6 +274,26 @@ pub(super) fn condition() -> Kind<Condition> {
         Condition::parse_with(text, Names::XY, doc.parameters()?).map_err(|fault| doc.fault(key, fault))
     };
     Kind::new(expected, of_text, read, |value: &Condition, _| string(&value.to_string()))
+}
+
+/// Reads a text `"KEY=..."` that gives a key of the scene, or a parameter, something. Returns the
+/// name as written, the key of the scene, and what stands behind the equal sign.
+pub(super) fn assigned(doc: &Document, key: &str, expected: &str) -> Result<[String; 3]> {
+    let text = doc.text(key, expected)?;
+    let fault = |wrong: String| doc.fault(key, format!("{wrong}; {expected}"));
+    let parts = text.split_once('=');
+    let (name, behind) = parts.ok_or_else(|| fault(format!("{} has no \"=\"", quote(text))))?;
+    let name = name.trim();
+    let parameters = doc.parameters()?;
+    let is_parameter = parameters.get(name).is_some();
+    let full = if is_parameter { join("parameters", name) } else { name.to_owned() };
+    let is_word = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_alphanumeric() || c == '_');
+    if !full.contains('.') || !full.split('.').all(is_word) {
+        let hint = suggestion(name, &parameters.names().collect::<Vec<_>>());
+        let wrong = "is neither a parameter nor a key such as load.pressure";
+        return Err(fault(format!("{} {wrong}{hint}", quote(name))));
+    }
+    Ok([name.to_owned(), full, behind.trim().to_owned()])
 }
 
 /// Returns the schema of a text.

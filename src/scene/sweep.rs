@@ -2,9 +2,10 @@
 
 use super::SweepOrder;
 use super::document::{Document, join, quote};
-use super::entry::{Kind, table};
-use super::kinds::{count, field_text, of_text, positive, string, truth, word};
-use crate::error::{Result, suggestion};
+use super::entry::{Kind, flat_if, table};
+use super::kinds::{assigned, count, field_text, of_text, positive, string, truth, word};
+use super::random_keys::RandomKeys;
+use crate::error::Result;
 use crate::field::{Field, Names};
 
 /// Largest number of values of a key.
@@ -17,13 +18,16 @@ const EXPECTED: &str =
     "expected KEY=FROM..TO:COUNT or KEY=VALUE,VALUE,..., such as \"load.pressure=90..250:161\"";
 
 table! {
-    /// Sweep over one or two keys of a scene.
+    /// Sweep over one or two keys of a scene, or over keys with random values.
     #[derive(Debug, Clone, PartialEq)]
     pub struct SweepSpec {
         /// Swept keys, one or two texts `"KEY=FROM..TO:COUNT"` or `"KEY=VALUE,VALUE,..."`; KEY is
         /// any key of the scene that takes a number, such as `plate.thickness` or
-        /// `obstacle.0.height`, or a parameter. Two keys give a map.
-        over: Vec<SweptKey> = swept().list();
+        /// `obstacle.0.height`, or a parameter. Two keys give a map. Needed, unless `random` is
+        /// given.
+        over: Vec<SweptKey> = swept().array(EXPECTED).or_silent(Vec::new());
+        /// Keys with random values.
+        random: Option<RandomKeys> = flat_if();
         /// `"apart"`: each run starts as the scene says; `"up"`, `"down"`, `"up_and_down"`: each
         /// run starts where the one before ended.
         direction: SweepOrder = word().or(SweepOrder::Apart);
@@ -60,6 +64,13 @@ impl SweepSpec {
     pub fn period(&self) -> f64 {
         self.period.constant().unwrap_or_default()
     }
+
+    /// Returns names and keys of what differs among the runs, in the order of its values.
+    pub fn keys(&self) -> impl Iterator<Item = (&str, &str)> {
+        let random = self.random.iter().flat_map(|random| &random.keys);
+        let random = random.map(|random| (random.name.as_str(), random.key.as_str()));
+        self.over.iter().map(|swept| (swept.name.as_str(), swept.key.as_str())).chain(random)
+    }
 }
 
 /// Returns half of the periods.
@@ -69,7 +80,19 @@ fn half(doc: &Document) -> Result<u64> {
 
 /// Refuses three keys, a repeated key, and runs without measured periods.
 fn of_few_keys(sweep: SweepSpec, doc: &Document, table: &str) -> Result<SweepSpec> {
-    let SweepSpec { over, periods, settle, .. } = &sweep;
+    let SweepSpec { over, random, direction, periods, settle, .. } = &sweep;
+    match (over.is_empty(), random.is_some()) {
+        (true, false) => return Err(doc.missing(&join(table, "over"), EXPECTED)),
+        (false, true) => {
+            let wrong = "is given with sweep.over; expected one of the two";
+            return Err(doc.fault(&join(table, "random"), wrong));
+        }
+        _ => {}
+    }
+    if random.is_some() && *direction != SweepOrder::Apart {
+        let wrong = "runs with random values do not continue each other; expected \"apart\"";
+        return Err(doc.fault(&join(table, "direction"), wrong));
+    }
     if over.len() > 2 {
         let wrong = format!("{} keys; expected one, or two for a map", over.len());
         return Err(doc.fault(&join(table, "over"), wrong));
@@ -108,22 +131,9 @@ fn period() -> Kind<Field> {
 /// Key with its values, such as `load.pressure=90..250:161`.
 fn swept() -> Kind<SweptKey> {
     let read = |doc: &Document, key: &str| {
-        let text = doc.text(key, EXPECTED)?;
-        let fault = |wrong: String| doc.fault(key, format!("{wrong}; {EXPECTED}"));
-        let parts = text.split_once('=');
-        let (name, values) = parts.ok_or_else(|| fault(format!("{} has no \"=\"", quote(text))))?;
-        let (name, values) = (name.trim(), values.trim());
-        let parameters = doc.parameters()?;
-        let is_parameter = parameters.get(name).is_some();
-        let swept = if is_parameter { join("parameters", name) } else { name.to_owned() };
-        let is_word = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_alphanumeric() || c == '_');
-        if !swept.contains('.') || !swept.split('.').all(is_word) {
-            let hint = suggestion(name, &parameters.names().collect::<Vec<_>>());
-            let wrong = "is neither a parameter nor a key such as load.pressure";
-            return Err(fault(format!("{} {wrong}{hint}", quote(name))));
-        }
-        let numbers = parse(values).map_err(fault)?;
-        Ok(SweptKey { name: name.to_owned(), key: swept, values: numbers, text: values.to_owned() })
+        let [name, swept, values] = assigned(doc, key, EXPECTED)?;
+        let numbers = parse(&values).map_err(|wrong| doc.fault(key, format!("{wrong}; {EXPECTED}")))?;
+        Ok(SweptKey { name, key: swept, values: numbers, text: values })
     };
     Kind::new(EXPECTED, of_text, read, |swept: &SweptKey, _| {
         string(&format!("{}={}", swept.name, swept.text))

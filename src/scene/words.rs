@@ -3,6 +3,7 @@
 use super::{ContactSolver, Diagonal, ElementKind, InPlaneHold, Massless, SchemeName, SupportKind};
 use crate::contact_law::StopLaw;
 use crate::field::Interpolation;
+use crate::random::PointSet;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
@@ -130,6 +131,7 @@ choice! {
     }
     InPlaneHold { Held = "held", Normal = "normal", Free = "free" }
     Massless { Equilibrium = "equilibrium", Reflected = "reflected" }
+    PointSet { Plain = "plain", Latin = "latin", Sobol = "sobol", Saltelli = "saltelli" }
 }
 
 /// Implements `Choice` with the names of a registry.

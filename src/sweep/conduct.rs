@@ -2,9 +2,9 @@
 //! matrices.
 
 use super::one_run::run_together;
-use super::plan::{PlannedRun, groups};
+use super::plan::{PlannedRun, groups, typical_run};
 use super::prepared_run::{CarriedState, Finished, Leader, PreparedRun};
-use super::report::SweepRow;
+use super::row::SweepRow;
 use crate::error::{Error, Result};
 use crate::kernels::Lanes;
 use crate::scene::{Scene, SweepSpec};
@@ -51,8 +51,7 @@ struct Conductor<'c> {
     sweep: &'c SweepSpec,
     load: &'c Loader<'c>,
     interrupts: &'c (dyn Fn() -> bool + Sync),
-    /// First run of the plan, which decides what goes in lock step; `None` where nothing can, as
-    /// there is one group.
+    /// Run that decides what goes in lock step; `None` where nothing can, as there is one group.
     leader: Option<PlannedRun>,
     waiting: Vec<Waiting>,
     /// Number of groups that a thread takes at once.
@@ -76,7 +75,7 @@ pub fn conduct(
     let mut rows = Vec::new();
     let mut waiting = Vec::new();
     let groups = groups(sweep);
-    let leader = groups.first().filter(|_| groups.len() > 1).and_then(|runs| runs.first()).cloned();
+    let leader = typical_run(sweep).filter(|_| groups.len() > 1);
     for (group, runs) in groups.into_iter().enumerate() {
         let recorded: Vec<SweepRow> = runs.iter().map_while(|run| record.known(run.index)).collect();
         let rest = runs[recorded.len()..].to_vec();
@@ -109,6 +108,36 @@ pub fn conduct(
     }
     rows.sort_by_key(|row| row.index);
     Ok(rows)
+}
+
+/// Makes one run of a sweep without others, by its index in the plan. Its row is the one of the
+/// whole sweep, to the bit.
+///
+/// # Errors
+/// Returns [`Error::Usage`] where the sweep has no such run, or where the run continues another,
+/// and [`Error::Stopped`] once `interrupts` says so. The failure of the run is a row, and no error.
+pub fn conduct_one(
+    sweep: &SweepSpec,
+    load: &Loader,
+    index: usize,
+    interrupts: &(dyn Fn() -> bool + Sync),
+) -> Result<SweepRow> {
+    let groups = groups(sweep);
+    let Some(runs) = groups.iter().find(|runs| runs.iter().any(|run| run.index == index)) else {
+        let count = groups.iter().map(Vec::len).sum::<usize>();
+        return Err(Error::Usage(format!("run {index}: the sweep has the runs 0 to {}", count - 1)));
+    };
+    if runs.len() > 1 {
+        return Err(Error::Usage(format!("run {index} continues others; expected runs that start apart")));
+    }
+    let leader = typical_run(sweep).filter(|_| groups.len() > 1);
+    let waiting = vec![Waiting { group: 0, runs: runs.clone(), state: None, is_carried: false }];
+    let next = AtomicUsize::new(0);
+    let conductor = Conductor { sweep, load, interrupts, leader, waiting, lot: 1, next };
+    let (sender, receiver) = channel();
+    conductor.work(&sender);
+    let made = receiver.try_recv().map(|(_, row, _)| row);
+    made.map_err(|_| Error::Stopped(format!("interrupted: run {index} is not done")))
 }
 
 impl Conductor<'_> {
@@ -210,12 +239,8 @@ fn make_all(
 /// # Errors
 /// Returns the errors of the scene.
 pub fn scene_at(sweep: &SweepSpec, load: &Loader, values: &[f64]) -> Result<(Scene, SweepSpec)> {
-    let mut settings: Vec<String> = sweep
-        .over
-        .iter()
-        .zip(values)
-        .map(|(axis, value)| format!("{}={}", axis.key, spell(*value)))
-        .collect();
+    let mut settings: Vec<String> =
+        sweep.keys().zip(values).map(|((_, key), value)| format!("{key}={}", spell(*value))).collect();
     let scene = load(&settings)?;
     let spec = scene.sweep.unwrap_or_else(|| sweep.clone());
     let period = spec.period();
@@ -230,6 +255,6 @@ pub fn scene_at(sweep: &SweepSpec, load: &Loader, values: &[f64]) -> Result<(Sce
 }
 
 /// Formats a value for a setting; whole numbers without a point, which counts need.
-fn spell(value: f64) -> String {
+pub fn spell(value: f64) -> String {
     if value.fract() == 0.0 && value.abs() < 1e15 { format!("{value:.0}") } else { format!("{value:?}") }
 }

@@ -4,6 +4,7 @@
 //! ones: its section once per period, extremes, forces, impacts, the number of periods after which
 //! it repeats, and the rate at which neighbouring motions part. Runs start as the scene says, or
 //! each where the one before ended, which follows an attractor up and down and so finds hysteresis.
+//! Keys may have random values too: then probabilities, distributions and sensitivities are told.
 //! `docs/sweeps.md` defines every measure and tells how to read the pictures.
 
 mod conduct;
@@ -16,17 +17,23 @@ mod periodic_mode_runs;
 mod pictures;
 mod plan;
 mod prepared_run;
+mod quantities;
+mod random_pictures;
 mod report;
+mod row;
+mod statistics;
 mod store;
 
-pub use conduct::{Loader, SweepRecord, conduct, scene_at};
+pub use conduct::{Loader, SweepRecord, conduct, conduct_one, scene_at, spell};
 pub use measures::{Measures, ProbeMeasures, repetition};
 #[cfg(feature = "petsc")]
 pub use on_ranks::RankedSweep;
 pub use pictures::{PICTURES, figures};
-pub use plan::{Direction, PlannedRun, groups};
+pub use plan::{Direction, PlannedRun, groups, typical_run};
 pub use prepared_run::CarriedState;
-pub use report::{CSV, JSON, ProbeHead, SweepReport, SweepRow};
+pub use report::{CSV, JSON, SweepReport};
+pub use row::{ProbeHead, SweepRow};
+pub use statistics::{Criterion, MeasureStatistics, Sensitivity, SweepStatistics, check_criteria};
 #[cfg(feature = "petsc")]
 pub use store::SweepPart;
 pub use store::SweepStore;

@@ -7,7 +7,7 @@
 use super::conduct::{Loader, scene_at};
 use super::plan::{PlannedRun, groups};
 use super::prepared_run::{CarriedState, Finished, PreparedRun};
-use super::report::SweepRow;
+use super::row::SweepRow;
 use super::store::SweepPart;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};

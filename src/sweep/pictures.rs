@@ -1,15 +1,19 @@
-//! Pictures of a sweep: bifurcation diagram and response curves over one key, maps over two.
+//! Pictures of a sweep: bifurcation diagram and response curves over one key, maps over two; those
+//! of random values are in `random_pictures`.
 
 use super::measures::Measures;
 use super::plan::Direction;
-use super::report::{ProbeHead, SweepReport, SweepRow};
+use super::random_pictures;
+use super::report::SweepReport;
+use super::row::{ProbeHead, SweepRow};
 use crate::geometry::range;
 use crate::output::plot::{Axis, Bar, Color, Curve, Figure, Panel, Ramp};
 use crate::scene::unit;
 use std::collections::BTreeSet;
 
 /// Names of the pictures, without their extensions.
-pub const PICTURES: [&str; 3] = ["bifurcation", "response", "map"];
+pub const PICTURES: [&str; 6] =
+    ["bifurcation", "response", "map", "histograms", "distributions", "sensitivities"];
 
 /// Largest number of probes with a panel of their own.
 const MOST_PROBES: usize = 4;
@@ -24,7 +28,9 @@ const DIRECTIONS: [(Direction, &str); 3] =
 /// Returns the pictures of a sweep with their names.
 pub fn figures(report: &SweepReport) -> Vec<(&'static str, Figure)> {
     let mut figures = Vec::new();
-    if report.keys.len() == 1 {
+    if let Some(statistics) = &report.statistics {
+        figures.extend(random_pictures::figures(report, statistics));
+    } else if report.keys.len() == 1 {
         if !report.probes.is_empty() {
             figures.push((PICTURES[0], bifurcation(report)));
         }

@@ -42,6 +42,10 @@ pub struct PlannedRun {
 /// Returns the runs of a sweep in groups: a run continues the one before in its group, and no group
 /// depends on another. The first key varies within a group of runs that carry their state on.
 pub fn groups(sweep: &SweepSpec) -> Vec<Vec<PlannedRun>> {
+    if let Some(random) = &sweep.random {
+        let run = |(index, values)| vec![PlannedRun { index, values, direction: Direction::Apart }];
+        return random.draws().into_iter().enumerate().map(run).collect();
+    }
     let first = &sweep.over[0].values;
     let up = || first.iter().map(|value| (*value, Direction::Up));
     let down = || first.iter().rev().map(|value| (*value, Direction::Down));
@@ -69,4 +73,13 @@ pub fn groups(sweep: &SweepSpec) -> Vec<Vec<PlannedRun>> {
         }
     }
     groups
+}
+
+/// Returns a run that stands for all: the one of the medians of random keys, which no draw spoils,
+/// else the first of the plan.
+pub fn typical_run(sweep: &SweepSpec) -> Option<PlannedRun> {
+    match &sweep.random {
+        Some(random) => Some(PlannedRun { index: 0, values: random.medians(), direction: Direction::Apart }),
+        None => groups(sweep).into_iter().flatten().next(),
+    }
 }

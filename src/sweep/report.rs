@@ -1,13 +1,14 @@
 //! Rows of a sweep, and the files `sweep.json` and `sweep.csv` that have them.
 
-use super::measures::{Measures, ProbeMeasures};
-use super::plan::{Direction, PlannedRun};
+use super::quantities::{Quantity, of_plate, of_probe};
+use super::row::{ProbeHead, SweepRow};
+use super::statistics::SweepStatistics;
 use crate::error::{Error, Result};
 use crate::input;
 use crate::output::summary::write_json;
 use crate::output::text::TableColumns;
 use crate::output::write_atomic;
-use crate::scene::Scene;
+use crate::scene::{Scene, SweepSpec};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::path::Path;
@@ -16,41 +17,6 @@ use std::path::Path;
 pub const JSON: &str = "sweep.json";
 /// Name of the table in the folder of a sweep.
 pub const CSV: &str = "sweep.csv";
-
-/// Run of a sweep: its values, and its measures or the reason why there are none.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct SweepRow {
-    /// Index of the run in the plan.
-    pub index: usize,
-    /// Values of the swept keys.
-    pub values: Vec<f64>,
-    /// Sense in which the run continues another.
-    pub direction: Direction,
-    /// Measures; `None` where the run failed.
-    pub measures: Option<Measures>,
-    /// Reason of a failure.
-    pub failure: Option<String>,
-}
-
-impl SweepRow {
-    /// Creates the row of a run.
-    pub(super) fn new(run: &PlannedRun, outcome: std::result::Result<Measures, String>) -> SweepRow {
-        let PlannedRun { index, values, direction } = run.clone();
-        let failure = outcome.as_ref().err().cloned();
-        SweepRow { index, values, direction, measures: outcome.ok(), failure }
-    }
-}
-
-/// Probe of a sweep.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ProbeHead {
-    /// Name of the probe.
-    pub name: String,
-    /// Quantity and its unit.
-    pub quantity: String,
-    /// Unit of the quantity.
-    pub unit: String,
-}
 
 /// Contents of `sweep.json`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -70,6 +36,9 @@ pub struct SweepReport {
     pub probes: Vec<ProbeHead>,
     /// Whether anything can touch.
     pub has_contact: bool,
+    /// Statistics of runs with random values.
+    #[serde(flatten)]
+    pub statistics: Option<SweepStatistics>,
     /// Runs in the order of the plan.
     pub rows: Vec<SweepRow>,
     /// Resolved scene.
@@ -79,18 +48,18 @@ pub struct SweepReport {
 impl SweepReport {
     /// Creates the report of a scene's sweep that a command made.
     pub fn new(scene: &Scene, command: String, rows: Vec<SweepRow>) -> SweepReport {
-        let probes = scene.output.probes.iter().map(|probe| {
-            let (quantity, unit) = probe.quantity.axis();
-            ProbeHead { name: probe.name.clone(), quantity: quantity.into(), unit: unit.into() }
-        });
+        let probes = ProbeHead::of_scene(scene);
+        let random = scene.sweep.as_ref().and_then(|sweep| sweep.random.as_ref());
+        let statistics = random.map(|random| SweepStatistics::new(random, &scene.parameters, &probes, &rows));
         SweepReport {
             title: scene.title.clone(),
             command,
             version: env!("CARGO_PKG_VERSION").into(),
             scene_hash: scene.hash(),
-            keys: scene.sweep.iter().flat_map(|sweep| &sweep.over).map(|axis| axis.name.clone()).collect(),
-            probes: probes.collect(),
+            keys: scene.sweep.iter().flat_map(SweepSpec::keys).map(|(name, _)| name.to_owned()).collect(),
+            probes,
             has_contact: scene.has_contact(),
+            statistics,
             rows,
             scene: serde_json::to_value(scene).unwrap_or_default(),
         }
@@ -134,25 +103,17 @@ impl SweepReport {
             columns.add(name, move |row: &SweepRow| format!("{:?}", row.values[key]));
         }
         columns.add("direction", |row| row.direction.word().into());
-        for (index, ProbeHead { name, .. }) in self.probes.iter().enumerate() {
-            let mut add = |measure: &str, cell: fn(&ProbeMeasures) -> String| {
-                columns.measure(format!("{name}_{measure}"), move |run| Some(cell(&run.probes[index])));
-            };
-            add("section", |probe| probe.section.iter().map(number).collect::<Vec<_>>().join(";"));
-            add("max", |probe| number(&probe.max));
-            add("min", |probe| number(&probe.min));
-            add("rms", |probe| number(&probe.rms));
-            add("amplitude", |probe| number(&probe.amplitude));
-            add("phase", |probe| number(&probe.phase));
+        for (index, probe) in self.probes.iter().enumerate() {
+            columns.add(format!("{}_section", probe.name), move |row: &SweepRow| {
+                let section = row.measures.iter().flat_map(|run| &run.probes[index].section);
+                section.map(|value| format!("{value:?}")).collect::<Vec<_>>().join(";")
+            });
+            of_probe(index, probe).into_iter().for_each(|quantity| columns.measure(quantity));
         }
-        columns.measure("period", |run| run.period.map(|period| period.to_string()));
-        columns.measure("lyapunov", |run| run.lyapunov.as_ref().map(number));
-        columns.measure("peak_force", |run| Some(number(&run.peak_force)));
-        columns.measure("impulse", |run| Some(number(&run.impulse)));
-        columns.measure("impacts", |run| Some(number(&run.impacts)));
-        columns.measure("impact_velocity", |run| Some(number(&run.impact_velocity)));
-        columns.measure("work", |run| Some(number(&run.work)));
-        columns.measure("loss", |run| Some(number(&run.loss)));
+        of_plate().into_iter().for_each(|quantity| columns.measure(quantity));
+        if self.statistics.is_some() {
+            columns.add("run", |row| row.index.to_string());
+        }
         columns.add("failure", |row| row.failure.clone().unwrap_or_default());
         let heads = columns.heads().into_iter().map(str::to_owned).collect();
         std::iter::once(heads).chain(self.rows.iter().map(|row| columns.row(row))).collect()
@@ -161,13 +122,12 @@ impl SweepReport {
 
 impl<'a> TableColumns<'a, SweepRow> {
     /// Adds a column of what was measured, empty where there is nothing.
-    fn measure(&mut self, head: impl Into<String>, cell: impl Fn(&Measures) -> Option<String> + 'a) {
-        self.add(head, move |row| row.measures.as_ref().and_then(&cell).unwrap_or_default());
+    fn measure(&mut self, quantity: Quantity<'a>) {
+        let Quantity { name, value, .. } = quantity;
+        let is_count = name == "period";
+        let cell = move |value: f64| if is_count { value.to_string() } else { format!("{value:?}") };
+        self.add(name, move |row| row.measures.as_ref().and_then(&value).map_or(String::new(), cell));
     }
-}
-
-fn number(value: &f64) -> String {
-    format!("{value:?}")
 }
 
 /// Quotes a cell of a table where it must be.

@@ -6,7 +6,8 @@
 
 use super::conduct::SweepRecord;
 use super::prepared_run::CarriedState;
-use super::report::{CSV, JSON, SweepRow};
+use super::report::{CSV, JSON};
+use super::row::SweepRow;
 use crate::archive;
 use crate::error::{Error, Result};
 use crate::input;

@@ -145,6 +145,7 @@ fn every_scene_is_told_and_pinned() {
     let pinned = [
         "ball",
         "chaos",
+        "clearance",
         "cymbal",
         "disc",
         "panel",
@@ -428,19 +429,47 @@ fn a_reed_closes_alike_with_two_schemes() {
     assert_near(conserving, newmark, 0.01);
 }
 
-#[test]
-fn a_driven_cantilever_grazes_its_walls_where_its_modes_say() {
+/// Returns the amplitude (m) of the tip of the steel strip of 0.2 m and 1 mm under an even pressure
+/// of 1 Pa at a frequency (Hz), with Rayleigh's coefficients of damping, by the modes of a beam.
+fn swing(frequency: f64, [mass, stiffness]: [f64; 2]) -> f64 {
     let beam = Cantilever::new(0.2, 1e-3 * (210e9_f64 / (12.0 * 7800.0)).sqrt());
-    let drive = 2.0 * PI * 40.0;
+    let drive = 2.0 * PI * frequency;
     let (mut re, mut im) = (0.0, 0.0);
     for &(root, omega) in &beam.modes {
         let force = beam.share(root, 0.0, 0.2) * Cantilever::shape(root, 1.0) / (7800.0 * 1e-3);
-        let (stiff, damped) = (omega * omega - drive * drive, drive * (8.0 + 1e-5 * omega * omega));
+        let (stiff, damped) = (omega * omega - drive * drive, drive * (mass + stiffness * omega * omega));
         let size = stiff * stiff + damped * damped;
         re += force * stiff / size;
         im -= force * damped / size;
     }
-    let grazing = 1e-3 / f64::hypot(re, im);
+    f64::hypot(re, im)
+}
+
+/// The tip swings by 0.8 of the clearance as drawn, by the modes of a beam to 5 per cent, since a
+/// wide strip is stiffer than a beam. A strip rattles where its clearance is less, which has the
+/// probability Phi(-0.2 / (0.5 / 3)).
+#[test]
+fn strips_rattle_as_often_as_their_clearances_are_too_small() {
+    assert_near(57.573 * swing(10.0, [40.0, 0.0]), 0.8e-3, 0.05);
+    let folder = folder("clearance");
+    succeeds(&rebond(&folder, &["sweep", &scene("clearance"), "--quiet", "--out", "out", "--runs", "512"]));
+    let report = std::fs::read(folder.join("out/sweep.json")).unwrap();
+    let report: Value = serde_json::from_slice(&report).unwrap();
+    for row in report["rows"].as_array().unwrap() {
+        let (gap, impacts) =
+            (row["values"][0].as_f64().unwrap(), row["measures"]["impacts"].as_f64().unwrap());
+        // At grazing the step decides.
+        assert!((gap < 0.8e-3) == (impacts > 0.0) || (gap / 0.8e-3 - 1.0).abs() < 1e-4, "{gap} {impacts}");
+    }
+    let probability = |criterion: usize| report["criteria"][criterion]["probability"].as_f64().unwrap();
+    // Each 512th part of the clearances has one strip.
+    assert!((probability(0) - 0.115070).abs() <= 1.0 / 512.0, "{}", probability(0));
+    assert!(probability(1) > 0.0 && probability(1) < probability(0));
+}
+
+#[test]
+fn a_driven_cantilever_grazes_its_walls_where_its_modes_say() {
+    let grazing = 1e-3 / swing(40.0, [8.0, 1e-5]);
     // The amplitude of the drive increases slowly, so that the start causes no contact.
     let touches = |pressure: f64| {
         let load = format!("load.pressure=\"{pressure}*min(1, t)*sin(2*pi*40*t)\"");

@@ -16,6 +16,7 @@ mod modes;
 mod output;
 mod overwriting;
 mod pages;
+mod random_sweeps;
 mod report;
 mod report_many;
 mod resume;

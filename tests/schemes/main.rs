@@ -25,6 +25,7 @@ mod modal_implicit;
 mod modal_limits;
 mod moving;
 mod period_three_bar;
+mod random_sweeps;
 mod restored;
 mod ribs;
 mod slider;

@@ -13,7 +13,7 @@ use rebond::sweep::{CarriedState, Direction, Measures, SweepRecord, SweepRow, co
 use std::f64::consts::{LN_2, PI, TAU};
 
 /// Record that knows nothing from before.
-struct Fresh;
+pub struct Fresh;
 
 impl SweepRecord for Fresh {
     fn known(&self, _: usize) -> Option<SweepRow> {
@@ -43,11 +43,11 @@ fn sweep(text: &str) -> Vec<(f64, Direction, Measures)> {
 
 /// Damping rate (1/s) and load (Pa) of [`heave`].
 const DECAY: f64 = 0.05;
-const LOAD: f64 = 0.1;
+pub const LOAD: f64 = 0.1;
 
 /// Returns the scene of a free plate of 1 kg/m2 on a bed of 1 N/m3 under an even pressure, which
 /// moves like a single mass: u'' + 0.05 u' + u = 0.1 sin(w t) between its obstacles.
-fn heave(obstacles: &str, sweep: &str) -> String {
+pub fn heave(obstacles: &str, sweep: &str) -> String {
     [
         UNIT,
         &format!("parameters = {{ w = 1.09, p = {LOAD} }}\n"),
@@ -62,7 +62,7 @@ fn heave(obstacles: &str, sweep: &str) -> String {
 }
 
 /// Returns the amplitude of the single mass without obstacles under 1 Pa.
-fn linear(w: f64) -> f64 {
+pub fn linear(w: f64) -> f64 {
     1.0 / (1.0 - w * w).hypot(DECAY * w)
 }
 

@@ -4,10 +4,13 @@ use super::html::{escaped, section};
 use crate::output::plot;
 
 /// Names of the pictures of sweeps and studies, or their beginnings, with what they show.
-const CAPTIONS: [(&str, &str); 8] = [
+const CAPTIONS: [(&str, &str); 11] = [
     ("bifurcation", "Values once per period, over the swept key"),
     ("response", "Response over the swept key"),
     ("map", "Measures over the two swept keys"),
+    ("histograms", "Numbers of runs by their measures"),
+    ("distributions", "Shares of the runs up to each value of their measures"),
+    ("sensitivities", "Shares of the variance of measures that each key causes, first order and total"),
     ("work-precision", "Errors against seconds"),
     ("orders", "Errors against the time step"),
     ("energy-drift", "Change of the energy against the time step"),
