@@ -95,6 +95,11 @@ FAULTS = [
      "BoundStatus::Lower if reaction[i] < -({if} { 1e-3 } else { rounding })", "hard", "powers_of_four"),
     ("values of a report one quantum low", "src/output/report/blob.rs", "((value - low) / quantum)",
      "((value - low) / quantum - {if} { 1.0 } else { 0.0 })", "cli", "the_numbers_of_a_report"),
+    ("normal numbers too wide", "src/random/distribution.rs", "quantile: |numbers, share| numbers[0] + numbers[1] *",
+     "quantile: |numbers, share| numbers[0] + {if} { 1.2 } else { 1.0 } * numbers[1] *", "schemes",
+     "probabilities_are_those_of_the_distribution"),
+    ("failed runs left out of a probability", "src/sweep/statistics.rs", "wilson(fulfilled + undecided, runs)[1]",
+     "wilson(fulfilled + {if} { 0 } else { undecided }, runs)[1]", "cli", "probabilities_are_told_and_bounded"),
     ("a load of the caller constant within a step", "src/simulation/external_load.rs", "axpy(weight, at_to, sum);",
      "axpy(weight, {if} { at_from } else { at_to }, sum);", "schemes", "linear_between_the_instants"),
 ]
