@@ -41,7 +41,7 @@
 //! | [`simulation`] | the model, the main loop and its observers |
 //! | [`output`] | csv, json, vtu, svg, png, html, progress |
 //! | [`study`] | inspection, inf-sup constant, comparisons, accuracy, the paper's figures |
-//! | [`sweep`] | many runs over one or two keys of a scene, or with random values |
+//! | [`sweep`] | many runs over keys of a scene, one by one or at random |
 //! | [`cli`] | the command |
 //!
 //! Readers of the paper find its parts here:

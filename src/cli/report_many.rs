@@ -6,7 +6,7 @@ use crate::input;
 use crate::output::report::{self, ManyRuns, RunTable};
 use crate::output::text::{grouped, significant};
 use crate::output::{paths_in, plot, write_atomic};
-use crate::sweep::{self, SweepReport};
+use crate::sweep::{self, SweepReport, SweepStatistics};
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -42,12 +42,18 @@ pub(super) fn of_sweep(folder: &Path, page: &Path) -> Result<()> {
     let pictures: Vec<(String, String)> =
         figures.map(|(name, figure)| (name.to_owned(), figure.svg())).collect();
     let (runs, failed) = (sweep.rows.len(), sweep.failures());
-    let mut remarks = vec![format!("{} runs over {}.", grouped(runs as u64), sweep.keys.join(" and "))];
+    let criteria = sweep.statistics.iter().flat_map(|statistics| &statistics.criteria);
+    let mut remarks: Vec<String> = criteria.map(|criterion| format!("{criterion}.")).collect();
+    remarks.push(format!("{} runs over {}.", grouped(runs as u64), sweep.keys.join(" and ")));
     if failed > 0 {
         remarks.push(format!("{failed} of them failed; the last column says why."));
     }
     let is_shown = |head: &str| !head.ends_with("_section");
     let heading = format!("Runs ({} has their sections too)", sweep::CSV);
+    let tables = sweep.statistics.iter().flat_map(SweepStatistics::tables);
+    let mut tables: Vec<RunTable> =
+        tables.map(|(name, lines)| RunTable::new(name, &lines, |_| true)).collect();
+    tables.push(RunTable::new(&heading, &sweep.lines(), is_shown));
     write(
         page,
         &ManyRuns {
@@ -59,7 +65,7 @@ pub(super) fn of_sweep(folder: &Path, page: &Path) -> Result<()> {
             scene: &sweep.scene,
             remarks: &remarks,
             pictures: &pictures,
-            tables: &[RunTable::new(&heading, &sweep.lines(), is_shown)],
+            tables: &tables,
         },
     )
 }

@@ -30,13 +30,13 @@ Examples:
   rebond sweep shaker.toml                                  # the scene's table [sweep]
   rebond sweep shaker.toml --over frequency=15..30:61 --period 1/frequency --up-and-down
   rebond sweep shaker.toml --over frequency=15..30:16 --over amplitude=1e-4,2e-4 --jobs 2
-  rebond sweep shaker.toml --random 'plate.thickness=normal(1e-3,1e-5)' --runs 10000 --criterion 'peak_force > 100'
+  rebond sweep shaker.toml --random 'amplitude=normal(1e-4,1e-5)' --criterion 'impacts > 0'
   mpirun -n 2 rebond sweep shaker.toml --ranks-per-run 1    # on PETSc, two runs at a time
 
 Ctrl-C stops it; the same command goes on with the runs that are missing.";
 
-/// Make many runs over one or two keys: response curves, bifurcation diagrams, maps; or with random
-/// values: probabilities, distributions, sensitivities
+/// Make many runs over keys: response curves, bifurcation diagrams, maps; or with random values:
+/// probabilities, distributions, sensitivities
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct SweepArgs {
@@ -65,7 +65,8 @@ pub(super) struct SweepArgs {
 #[derive(Debug, Args, Serialize)]
 #[command(next_help_heading = "What to sweep, instead of the scene's [sweep]")]
 struct Settings {
-    /// Key or parameter with its values: load.pressure=90..250:161, or a=1,2,5; twice for a map
+    /// Key or parameter with its values: load.pressure=90..250:161, or a=1,2,5; twice for a map, or
+    /// oftener
     #[arg(long, value_name = "KEY=VALUES")]
     #[serde(skip)]
     over: Vec<String>,

@@ -8,7 +8,7 @@ use super::random_keys::RandomKeys;
 use crate::error::Result;
 use crate::field::{Field, Names};
 
-/// Largest number of values of a key.
+/// Largest number of values of a key, and of combinations of values.
 const MOST_VALUES: usize = 1_000_000;
 
 /// Default number of periods of each run.
@@ -18,13 +18,13 @@ const EXPECTED: &str =
     "expected KEY=FROM..TO:COUNT or KEY=VALUE,VALUE,..., such as \"load.pressure=90..250:161\"";
 
 table! {
-    /// Sweep over one or two keys of a scene, or over keys with random values.
+    /// Sweep over keys of a scene.
     #[derive(Debug, Clone, PartialEq)]
     pub struct SweepSpec {
-        /// Swept keys, one or two texts `"KEY=FROM..TO:COUNT"` or `"KEY=VALUE,VALUE,..."`; KEY is
-        /// any key of the scene that takes a number, such as `plate.thickness` or
-        /// `obstacle.0.height`, or a parameter. Two keys give a map. Needed, unless `random` is
-        /// given.
+        /// Swept keys, texts `"KEY=FROM..TO:COUNT"` or `"KEY=VALUE,VALUE,..."`; KEY is any key of
+        /// the scene that takes a number, such as `plate.thickness` or `obstacle.0.height`, or a
+        /// parameter. Two keys give a map, more keys all combinations of their values. Needed,
+        /// unless `random` is given.
         over: Vec<SweptKey> = swept().array(EXPECTED).or_silent(Vec::new());
         /// Keys with random values.
         random: Option<RandomKeys> = flat_if();
@@ -43,7 +43,7 @@ table! {
             .says("of equal points, relative to the range of the motion").or(1e-3);
         /// `true` measures the largest Lyapunov exponent too.
         lyapunov: bool = truth().says("largest Lyapunov exponent").or_silent(false);
-    } then of_few_keys
+    } then checked
 }
 
 /// Key of the scene with the values that it takes.
@@ -78,8 +78,8 @@ fn half(doc: &Document) -> Result<u64> {
     Ok(doc.figure("sweep.periods").map_or(PERIODS, |periods| periods as u64) / 2)
 }
 
-/// Refuses three keys, a repeated key, and runs without measured periods.
-fn of_few_keys(sweep: SweepSpec, doc: &Document, table: &str) -> Result<SweepSpec> {
+/// Refuses a repeated key, too many combinations, and runs without measured periods.
+fn checked(sweep: SweepSpec, doc: &Document, table: &str) -> Result<SweepSpec> {
     let SweepSpec { over, random, direction, periods, settle, .. } = &sweep;
     match (over.is_empty(), random.is_some()) {
         (true, false) => return Err(doc.missing(&join(table, "over"), EXPECTED)),
@@ -93,15 +93,16 @@ fn of_few_keys(sweep: SweepSpec, doc: &Document, table: &str) -> Result<SweepSpe
         let wrong = "runs with random values do not continue each other; expected \"apart\"";
         return Err(doc.fault(&join(table, "direction"), wrong));
     }
-    if over.len() > 2 {
-        let wrong = format!("{} keys; expected one, or two for a map", over.len());
-        return Err(doc.fault(&join(table, "over"), wrong));
+    for (index, swept) in over.iter().enumerate() {
+        if over[..index].iter().any(|other| other.key == swept.key) {
+            let wrong = format!("{} is swept already; expected another key", swept.name);
+            return Err(doc.fault(&join(table, &format!("over.{index}")), wrong));
+        }
     }
-    if let [one, other] = &over[..]
-        && one.key == other.key
-    {
-        let wrong = format!("{} is swept already; expected another key", one.name);
-        return Err(doc.fault(&join(table, "over.1"), wrong));
+    let runs = over.iter().fold(1, |runs: usize, swept| runs.saturating_mul(swept.values.len()));
+    if runs > MOST_VALUES {
+        let wrong = format!("{runs} combinations of values; expected at most {MOST_VALUES}");
+        return Err(doc.fault(&join(table, "over"), wrong));
     }
     if settle >= periods {
         let wrong = format!("{settle} periods leave none of {periods} to measure");

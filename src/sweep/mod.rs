@@ -1,4 +1,4 @@
-//! Sweeps: many runs of one scene over one or two of its keys.
+//! Sweeps: many runs of one scene over some of its keys.
 //!
 //! Every run lasts whole periods of the drive and is measured over the periods after the settling
 //! ones: its section once per period, extremes, forces, impacts, the number of periods after which
@@ -13,6 +13,7 @@ mod measures;
 #[cfg(feature = "petsc")]
 mod on_ranks;
 mod one_run;
+mod parallel;
 mod periodic_mode_runs;
 mod pictures;
 mod plan;

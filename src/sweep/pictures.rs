@@ -1,7 +1,8 @@
 //! Pictures of a sweep: bifurcation diagram and response curves over one key, maps over two; those
-//! of random values are in `random_pictures`.
+//! of random values and of more keys have files of their own.
 
 use super::measures::Measures;
+use super::parallel::{self, shade};
 use super::plan::Direction;
 use super::random_pictures;
 use super::report::SweepReport;
@@ -12,8 +13,8 @@ use crate::scene::unit;
 use std::collections::BTreeSet;
 
 /// Names of the pictures, without their extensions.
-pub const PICTURES: [&str; 6] =
-    ["bifurcation", "response", "map", "histograms", "distributions", "sensitivities"];
+pub const PICTURES: [&str; 7] =
+    ["bifurcation", "response", "map", "parallel", "histograms", "distributions", "sensitivities"];
 
 /// Largest number of probes with a panel of their own.
 const MOST_PROBES: usize = 4;
@@ -35,8 +36,11 @@ pub fn figures(report: &SweepReport) -> Vec<(&'static str, Figure)> {
             figures.push((PICTURES[0], bifurcation(report)));
         }
         figures.push((PICTURES[1], response(report)));
-    } else {
+    } else if report.keys.len() == 2 {
         figures.push((PICTURES[2], map(report)));
+    }
+    if report.keys.len() > 2 {
+        figures.push((PICTURES[3], parallel::figure(report)));
     }
     figures.into_iter().map(|(name, figure)| (name, figure.note(&report.command))).collect()
 }
@@ -204,9 +208,4 @@ fn edges(mut values: Vec<f64>) -> Vec<(f64, [f64; 2])> {
         (values[i], [low, high])
     };
     (0..values.len()).map(cell).collect()
-}
-
-/// Returns the colour of a share from 0, pale yellow, to 1, dark blue.
-fn shade(share: f64) -> Color {
-    Color(255, 247, 188).towards(Color(8, 48, 107), share)
 }

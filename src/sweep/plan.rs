@@ -55,16 +55,18 @@ pub fn groups(sweep: &SweepSpec) -> Vec<Vec<PlannedRun>> {
         SweepOrder::Down => down().collect(),
         SweepOrder::UpAndDown => up().chain(down()).collect(),
     };
-    let others: Vec<Option<f64>> = match sweep.over.get(1) {
-        Some(other) => other.values.iter().copied().map(Some).collect(),
-        None => vec![None],
-    };
+    let mut others = vec![Vec::new()];
+    for swept in &sweep.over[1..] {
+        let with =
+            |value: &f64| others.iter().map(|other| [&other[..], &[*value]].concat()).collect::<Vec<_>>();
+        others = swept.values.iter().flat_map(with).collect();
+    }
     let mut count = 0;
     let mut groups: Vec<Vec<PlannedRun>> = Vec::new();
     for other in others {
         let runs = legs.iter().map(|&(value, direction)| {
             count += 1;
-            let values = std::iter::once(value).chain(other).collect();
+            let values = std::iter::once(value).chain(other.iter().copied()).collect();
             PlannedRun { index: count - 1, values, direction }
         });
         match sweep.direction {

@@ -3,19 +3,28 @@
 use super::measures::{Measures, ProbeMeasures};
 use super::row::ProbeHead;
 
+/// Function that returns a number of a run, if there is one.
+type Reading<'q> = Box<dyn Fn(&Measures) -> Option<f64> + 'q>;
+
 /// Measure that is one number per run.
 pub(super) struct Quantity<'q> {
     /// Name of the column.
     pub name: String,
     pub unit: &'q str,
     /// Returns the value, if a run has one.
-    pub value: Box<dyn Fn(&Measures) -> Option<f64> + 'q>,
+    pub value: Reading<'q>,
 }
 
 /// Returns the measures of all probes, and then those of the whole plate.
 pub(super) fn quantities(probes: &[ProbeHead]) -> Vec<Quantity<'_>> {
     let of_probes = probes.iter().enumerate().flat_map(|(index, probe)| of_probe(index, probe));
     of_probes.chain(of_plate()).collect()
+}
+
+/// Returns whether a measure is one of those that pictures of many keys show: the largest values of
+/// probes, and the peak force.
+pub(super) fn is_main(name: &str) -> bool {
+    name.ends_with("_max") || name == "peak_force"
 }
 
 /// Returns the measures of a probe.

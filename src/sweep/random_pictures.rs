@@ -2,7 +2,7 @@
 //! sensitivity indices.
 
 use super::measures::Measures;
-use super::quantities::{Quantity, quantities};
+use super::quantities::{Quantity, is_main, quantities};
 use super::report::SweepReport;
 use super::statistics::{MeasureStatistics, Sensitivity, SweepStatistics};
 use crate::output::plot::{Axis, Bar, Color, Curve, Figure, Panel};
@@ -28,7 +28,8 @@ pub(super) fn figures(report: &SweepReport, statistics: &SweepStatistics) -> Vec
     if !histograms.is_empty() {
         figures.extend([("histograms", page(histograms)), ("distributions", page(distributions))]);
     }
-    let shown: Vec<&Sensitivity> = statistics.sensitivities.iter().filter(|index| index.is_shown()).collect();
+    let shown: Vec<&Sensitivity> =
+        statistics.sensitivities.iter().filter(|index| is_main(&index.measure)).collect();
     if !shown.is_empty() {
         let title = format!("{}: first order (dark) and total", report.title);
         let panels = shown.chunk_by(|one, other| one.measure == other.measure).map(sensitivities);

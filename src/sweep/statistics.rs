@@ -2,13 +2,15 @@
 //! sensitivity indices.
 
 use super::measures::Measures;
-use super::quantities::{Quantity, quantities};
+use super::quantities::{Quantity, is_main, quantities};
 use super::row::{ProbeHead, SweepRow};
 use crate::field::{Condition, Names, Parameters};
 use crate::geometry::Point;
 use crate::output::text::{Table, significant_digits};
 use crate::scene::{RandomKeys, Scene};
 use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::slice::from_ref;
 
 /// Number of standard deviations on either side of an interval of 95 per cent.
 const DEVIATIONS: f64 = 1.959_963_984_540_054;
@@ -284,34 +286,49 @@ fn indices(blocks: &[Vec<f64>]) -> Vec<Sensitivity> {
 }
 
 impl SweepStatistics {
-    /// Returns the probabilities, and a table of the measures that vary, for a terminal.
+    /// Returns the probabilities and the tables for a terminal.
     pub fn text(&self) -> String {
+        let criteria = self.criteria.iter().map(|criterion| format!("{criterion}\n"));
+        let tables = self.tables().into_iter().map(|(_, lines)| {
+            let heads: Vec<&str> = lines[0].iter().map(String::as_str).collect();
+            let mut table = Table::new(&heads);
+            lines[1..].iter().for_each(|line| _ = table.row(line.clone()));
+            table.to_string()
+        });
+        criteria.chain(tables).collect()
+    }
+
+    /// Returns the tables of the measures that vary, and of the indices of the main ones, that
+    /// have any lines below their heads, with their names.
+    pub fn tables(&self) -> Vec<(&'static str, Vec<Vec<String>>)> {
         let digits = |value: f64| significant_digits(value, 3);
-        let mut text = String::new();
-        for Criterion { expression, probability, low, high, runs, undecided, .. } in &self.criteria {
-            let probability = probability.map_or("unknown".into(), digits);
-            text += &format!("P({expression}) = {probability}, 95 %: {} to {}", digits(*low), digits(*high));
-            text += &format!(" ({runs} runs");
-            if *undecided > 0 {
-                text += &format!(", {undecided} without an answer");
-            }
-            text += ")\n";
-        }
-        let mut table = Table::new(&["measure", "5 %", "median", "95 %", "mean", "deviation", "unit"]);
-        let varying = self.quantiles.iter().filter(|measure| measure.varies());
-        for MeasureStatistics { measure, unit, q05, median, q95, mean, deviation, .. } in varying {
+        let heads = |names: &[&str]| vec![names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>()];
+        let mut measures = heads(&["measure", "5 %", "median", "95 %", "mean", "deviation", "unit"]);
+        for measure in self.quantiles.iter().filter(|measure| measure.varies()) {
+            let MeasureStatistics { measure, unit, q05, median, q95, mean, deviation, .. } = measure;
             let numbers = [q05, median, q95, mean, deviation].map(|value| digits(*value));
-            table.row([&[measure.clone()], &numbers[..], &[unit.clone()]].concat());
+            measures.push([from_ref(measure), &numbers, from_ref(unit)].concat());
         }
-        text += &table.to_string();
-        let mut table = Table::new(&["measure", "key", "first order", "total"]);
-        let shown = self.sensitivities.iter().filter(|index| index.is_shown());
-        for Sensitivity { measure, key, first, first_error, total, total_error } in shown.clone() {
-            let share = |share: &f64, error: &f64| format!("{share:.2} ± {error:.2}");
-            let cells = [share(first, first_error), share(total, total_error)];
-            table.row([&[measure.clone(), key.clone()], &cells[..]].concat());
+        let mut indices = heads(&["measure", "key", "first order", "total"]);
+        for index in self.sensitivities.iter().filter(|index| is_main(&index.measure)) {
+            let share = |share: f64, error: f64| format!("{share:.2} ± {error:.2}");
+            let cells = [share(index.first, index.first_error), share(index.total, index.total_error)];
+            indices.push([&[index.measure.clone(), index.key.clone()], &cells[..]].concat());
         }
-        text + &if shown.count() > 0 { table.to_string() } else { String::new() }
+        let tables = [("Distributions of the measures", measures), ("Sensitivity indices", indices)];
+        tables.into_iter().filter(|(_, lines)| lines.len() > 1).collect()
+    }
+}
+
+impl fmt::Display for Criterion {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        let digits = |value: f64| significant_digits(value, 3);
+        let Criterion { expression, probability, low, high, runs, undecided, .. } = self;
+        let probability = probability.map_or("unknown".into(), digits);
+        let undecided =
+            if *undecided > 0 { format!(", {undecided} without an answer") } else { String::new() };
+        let (low, high) = (digits(*low), digits(*high));
+        write!(f, "P({expression}) = {probability}, 95 %: {low} to {high} ({runs} runs{undecided})")
     }
 }
 
@@ -319,14 +336,6 @@ impl MeasureStatistics {
     /// Returns whether the values differ by more than rounding.
     pub(super) fn varies(&self) -> bool {
         self.max - self.min > 1e-9 * self.max.abs().max(self.min.abs())
-    }
-}
-
-impl Sensitivity {
-    /// Returns whether terminal and pictures show it: the largest values of probes, and the peak
-    /// force.
-    pub(super) fn is_shown(&self) -> bool {
-        self.measure.ends_with("_max") || self.measure == "peak_force"
     }
 }
 

@@ -194,3 +194,28 @@ fn what_a_sweep_cannot_do_is_said() {
         .unwrap();
     assert_fails(&ranks, 2, &["the native engine runs in one process", "mpirun started 2"]);
 }
+
+/// Three keys give all combinations of their values, the first one fastest, each with the row of a
+/// sweep over fewer keys.
+#[test]
+fn many_keys_give_all_combinations() {
+    let folder = folder("many");
+    let sweep = |out: &str, over: &[&str]| {
+        let mut arguments = vec!["sweep", "fall.toml", "--quiet", "--out", out];
+        over.iter().for_each(|over| arguments.extend(["--over", over]));
+        succeeds(&rebond(&folder, &arguments));
+        table(&folder, out)
+    };
+    let three = sweep("three", &["a=50,350", "gap=4e-3,6e-3", "damping.mass=8,9"]);
+    let starts: Vec<String> =
+        three.lines().skip(1).map(|line| line.split(',').take(3).collect::<Vec<_>>().join(",")).collect();
+    let pairs = ["50.0,0.004", "350.0,0.004", "50.0,0.006", "350.0,0.006"];
+    let combinations = ["8.0", "9.0"].map(|mass| pairs.map(|pair| format!("{pair},{mass}")));
+    assert_eq!(starts, combinations.concat());
+    let two = sweep("two", &["a=50,350", "gap=4e-3,6e-3"]);
+    let without_mass = three.lines().skip(1).take(4).map(|line| line.replacen(",8.0,-", ",-", 1));
+    assert_eq!(two.lines().skip(1).collect::<Vec<_>>(), without_mass.collect::<Vec<_>>());
+    assert!(
+        folder.join("three/plots/parallel.png").exists() && !folder.join("two/plots/parallel.png").exists()
+    );
+}

@@ -4,10 +4,11 @@ use super::html::{escaped, section};
 use crate::output::plot;
 
 /// Names of the pictures of sweeps and studies, or their beginnings, with what they show.
-const CAPTIONS: [(&str, &str); 11] = [
+const CAPTIONS: [(&str, &str); 12] = [
     ("bifurcation", "Values once per period, over the swept key"),
     ("response", "Response over the swept key"),
     ("map", "Measures over the two swept keys"),
+    ("parallel", "Runs as lines from key to key and to their measures"),
     ("histograms", "Numbers of runs by their measures"),
     ("distributions", "Shares of the runs up to each value of their measures"),
     ("sensitivities", "Shares of the variance of measures that each key causes, first order and total"),
