@@ -29,7 +29,7 @@ pub(crate) struct RunFolder {
     opposite: BTreeMap<String, Vec<f64>>,
 }
 
-/// Stress of the plan, which is the same at both faces in bending.
+/// Stress of the plan; in pure bending it is the same at both faces.
 const LARGEST: &str = "Largest at either face,";
 /// Largest number of snapshots that are read for this.
 const MOST_STRESSES: usize = 100;

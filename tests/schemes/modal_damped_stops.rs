@@ -49,9 +49,9 @@ fn a_plate_leaves_a_mat_as_the_closed_form_says() {
     }
 }
 
-/// While a rigid plate is on the mat, damping and the mat take energy as alpha m to c; before, damping
-/// has braked the plate from v to v less alpha times the way. The ledger has both, and their sum is
-/// what the plate has lost.
+/// While a rigid plate is on the mat, damping and the mat take energy as alpha m to c; before,
+/// damping has braked the plate from v to v less alpha times the way. The ledger has both, and
+/// their sum is what the plate has lost.
 #[test]
 fn damping_and_a_mat_share_the_energy_as_their_coefficients() {
     const MASS: f64 = 7800.0 * 0.2 * 0.2 * 0.02;

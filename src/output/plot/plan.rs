@@ -32,8 +32,8 @@ pub(super) fn plan(outline: &[[[f64; 2]; 2]], others: impl Iterator<Item = [f64;
         .curve(Curve::new("", edges).color(Color::GREY).width(0.6))
 }
 
-/// Draws the von Mises stress of a surface, which is the same at both faces of the plate, with a
-/// mark at its largest value; `what` tells which stress it is.
+/// Draws the von Mises stress of a surface, the larger of both faces of the plate, with a mark at
+/// its largest value; `what` tells which stress it is.
 pub fn stress(surface: Surface, title: &str, what: &str) -> Figure {
     let values = surface.von_mises.iter().copied().zip(&surface.points);
     let peak = values.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(value, &place)| (value, place));
