@@ -35,7 +35,7 @@ pub struct SharedModes<'s> {
 }
 
 /// Returns whether the plate only bends, nothing but loads of given shape depends on time, no bound
-/// has a law of its own, and no damping acts on single modes but those of a modal mass.
+/// has a law of its own, and without a modal mass no damping acts on single modes.
 fn is_plain(System { bounds, drive, mass, .. }: &System<Native>) -> bool {
     drive.stretching.is_none()
         && drive.supports.is_empty()

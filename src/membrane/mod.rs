@@ -35,7 +35,7 @@ pub struct Membrane {
 
 /// Cell of a membrane.
 struct MembraneCell {
-    /// Place of each local deflection and slope among those of all nodes, three per node.
+    /// Place of each local deflection and slope in the list for all nodes, three per node.
     places: Vec<usize>,
     /// Free dof of each local dof of both components, one after the other, with its factor.
     dofs: Vec<Option<(usize, f64)>>,

@@ -13,7 +13,6 @@
 
 use super::{Membrane, MembraneCell};
 use crate::error::Result;
-use crate::kernels::lanes::dot;
 use crate::kernels::wide::widest;
 use crate::linalg::eigen::symmetric_eigen;
 use crate::linalg::vectors::axpy;
@@ -78,7 +77,7 @@ impl QuarticForm {
             let mut form = vec![0.0; modes * modes];
             for (p, &[i, j]) in pairs.iter().enumerate() {
                 let coefficient = values[k].sqrt() * vectors[(p, k)] / scales[p];
-                // The coefficient of a pair of two modes is that of both orders.
+                // A pair of two modes stands for both orders.
                 form[i * modes + j] += 0.5 * coefficient;
                 form[j * modes + i] += 0.5 * coefficient;
             }
@@ -101,15 +100,22 @@ impl QuarticForm {
             Arch::new(),
             #[inline(always)]
             || {
-                // Iterators would not be inlined here.
                 let size = self.modes;
                 for k in 0..strains.len() {
                     let product = &mut products[k * size..(k + 1) * size];
-                    for i in 0..size {
-                        let row = (k * size + i) * size;
-                        product[i] = dot(&self.forms[row..row + size], q);
+                    product.fill(0.0);
+                    for j in 0..size {
+                        let first = (k * size + j) * size;
+                        let (factor, column) = (q[j], &self.forms[first..first + size]);
+                        for i in 0..size {
+                            product[i] += factor * column[i];
+                        }
                     }
-                    strains[k] = dot(product, q);
+                    let mut strain = 0.0;
+                    for i in 0..size {
+                        strain += product[i] * q[i];
+                    }
+                    strains[k] = strain;
                 }
             },
         );
@@ -154,7 +160,7 @@ impl Stretch {
     }
 
     /// Returns the coefficients of 1, gamma, ..., gamma^4 of V on the line from this position by
-    /// gamma times an increment, at whose end the values are those of `end`, in J.
+    /// gamma times an increment, in J; `end` has the values at gamma = 1.
     pub fn along(&self, increment: &[f64], end: &Stretch) -> [f64; 5] {
         let mut sum = [0.0; 5];
         let products = self.products.chunks_exact(increment.len().max(1));

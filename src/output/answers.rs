@@ -32,7 +32,7 @@ pub fn answers(summary: &Value) -> Vec<KeyFigure> {
     add("first impact", first_impact(summary));
     add("contacts", contacts(summary));
     let mut forces: Vec<(&String, &Value)> = summary["forces"].as_object().into_iter().flatten().collect();
-    // What has a name of its own comes first.
+    // Supports and obstacles with names of their own come first.
     forces.sort_by_key(|(name, _)| name.starts_with("obstacle_"));
     for (name, force) in forces.iter().take(MOST_FORCES) {
         add(name, Some(force_of(force)));

@@ -15,8 +15,8 @@
 //! | `reaction` | upward force of the obstacles on a node, in N; zero at other points |
 //! | `moment` | recovered moments M_xx, M_yy, M_xy, in N m/m |
 //! | `principal_moment` | their largest and least principal value, in N m/m |
-//! | `stress_top` | stresses xx, yy, xy at the upper surface, in Pa; opposite at the lower one |
-//! | `von_mises` | von Mises stress, in Pa, the same at both surfaces |
+//! | `stress_top` | stresses xx, yy, xy at the upper surface, in Pa |
+//! | `von_mises` | von Mises stress, in Pa, the larger of both surfaces |
 //!
 //! | cell data | meaning |
 //! |---|---|

@@ -37,7 +37,7 @@ fn report(folder: &Path, name: &str) -> Value {
     serde_json::from_slice(&fs::read(folder.join(name).join("sweep.json")).unwrap()).unwrap()
 }
 
-/// The bits of a row depend on seed and number alone: not on the jobs, on the number of runs, on
+/// A row depends, to the bit, on seed and number alone: not on the jobs, on the number of runs, on
 /// what was made before, or on the others.
 #[test]
 fn a_row_depends_on_seed_and_number_alone() {

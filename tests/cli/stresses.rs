@@ -47,8 +47,8 @@ fn envelope_snapshots_and_pictures() {
     let forces = std::fs::read_to_string(run.join("plots/forces.svg")).unwrap();
     assert!(forces.contains("gap (mm)") && forces.contains("time ("), "a compliant stop over time and gap");
     let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();
-    let at = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
-    assert!(picture.contains(&format!(" at {}", text::place(at))), "the place of the largest stress");
+    let place = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
+    assert!(picture.contains(&format!(" at {}", text::place(place))), "the place of the largest stress");
     let bar = "von Mises stress (MPa)";
     assert!(picture.contains(bar) && picture.contains("of all steps"), "{picture}");
     std::fs::remove_file(extremes::find(&run).unwrap()).unwrap();

@@ -9,7 +9,7 @@ use crate::linalg::Engine;
 use crate::membrane::{QuarticForm, Stretch};
 use std::rc::Rc;
 
-/// Stretching at the states of a step; nothing where the scene has none.
+/// Stretching before a step and at the present position; without a form the plate only bends.
 #[derive(Default)]
 pub(super) struct Stretching {
     form: Option<Rc<QuarticForm>>,
@@ -28,7 +28,7 @@ impl Stretching {
         self.form.is_some()
     }
 
-    /// Begins a step: the present position is the one before it.
+    /// Makes the present position the one before a new step.
     pub fn begin_step(&mut self) {
         std::mem::swap(&mut self.now, &mut self.before);
     }
