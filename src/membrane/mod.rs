@@ -16,7 +16,7 @@ mod quartic;
 mod spaces;
 
 pub use quartic::{QuarticForm, Stretch};
-pub use spaces::{InPlaneHold, spaces};
+pub use spaces::{InPlaneHold, InPlaneSupport, spaces};
 
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::{Element, quadrature, with_element};

@@ -16,18 +16,29 @@ pub enum InPlaneHold {
     Free,
 }
 
+/// Support along an edge, in the plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InPlaneSupport {
+    /// Key of its table in the scene, for messages.
+    pub key: String,
+    /// Sides of cells, each by its two nodes.
+    pub sides: Vec<[usize; 2]>,
+    /// Components that it holds.
+    pub hold: InPlaneHold,
+}
+
 /// Relative size below which a rigid motion is none.
 const NONE: f64 = 1e-9;
 
-/// Returns the spaces of the components along x and y, given sides of cells and what their supports
-/// hold. Rigid motions that nothing holds, and that no strain sees, are left out.
+/// Returns the spaces of the components along x and y. Rigid motions that no support holds, and
+/// that no strain sees, are left out.
 ///
 /// # Errors
 /// Returns [`Error::Scene`] where the component normal to an oblique side is to be held.
-pub fn spaces(mesh: &Mesh, held: &[(Vec<[usize; 2]>, InPlaneHold)]) -> Result<[DofMap; 2]> {
+pub fn spaces(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<[DofMap; 2]> {
     let nothing = || vec![NodeConstraint::default(); mesh.nodes.len()];
     let mut holds = [nothing(), nothing()];
-    for (sides, hold) in held {
+    for InPlaneSupport { key, sides, hold } in supports {
         for &[a, b] in sides {
             let side = (mesh.nodes[b] - mesh.nodes[a]).normalize();
             let components = match hold {
@@ -38,8 +49,8 @@ pub fn spaces(mesh: &Mesh, held: &[(Vec<[usize; 2]>, InPlaneHold)]) -> Result<[D
                 InPlaneHold::Normal => {
                     let Point { coords: place, .. } = mesh.nodes[a];
                     return Err(Error::Scene(format!(
-                        "support: in_plane = \"normal\" at ({}, {}), where the edge is oblique; expected an edge along x or y, \
-                         or in_plane = \"held\"",
+                        "{key}.in_plane: \"normal\" at ({}, {}), where the edge is oblique; expected an edge along x or y, \
+                         or \"held\"",
                         place.x, place.y
                     )));
                 }

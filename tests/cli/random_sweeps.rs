@@ -1,32 +1,17 @@
 //! `rebond sweep` with random values: equal draws in any company, answers, messages.
 
 use crate::common::command::{self, assert_fails, rebond, succeeds, text};
-use crate::common::models::literal;
+use crate::sweep;
 use serde_json::Value;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// Driven plate over a floor at an uncertain depth, which some of the runs meet.
-const SCENE: &str = concat!(
-    literal!(PAPER_PLATE),
-    literal!(CLAMPED),
-    r#"
-title = "a floor somewhere"
-parameters = { a = 100.0, gap = 5e-3 }
-mesh = { element = "fvs", cells = [2, 1] }
-obstacle = [{ side = "below", height = "-gap" }]
-load = { pressure = "a*sin(2*pi*5*t)" }
-damping = { mass = 8.0 }
-time = { scheme = "newmark", mass = "singular", step = 1e-3, end = 1.0 }
-output = { probes = [{ name = "corner", at = [1.2, 0.0] }] }
-sweep = { over = ["a=50..350:4"], period = 0.2, periods = 6, settle = 4 }
-"#
-);
-
 const GAP: &str = "gap=truncated_normal(5e-3, 2e-3, 1e-3, 9e-3)";
 
 fn folder(test: &str) -> PathBuf {
-    command::folder(&format!("random-{test}"), SCENE)
+    // Fewer periods than in other sweeps.
+    let scene = sweep::SCENE.replace("periods = 12, settle = 8", "periods = 6, settle = 4");
+    command::folder(&format!("random-{test}"), &scene)
 }
 
 fn table(folder: &Path, name: &str) -> String {

@@ -11,7 +11,7 @@ use std::thread::sleep;
 use std::time::Duration;
 
 /// Driven plate over a floor that it meets under the larger loads.
-const SCENE: &str = concat!(
+pub const SCENE: &str = concat!(
     literal!(PAPER_PLATE),
     literal!(CLAMPED),
     r#"

@@ -1,7 +1,7 @@
 //! Plates whose mid-plane stretches, in modes: equilibria and frequencies of another program, the
 //! energy through impacts, and restarts.
 
-use crate::common::scenes::{all_round, close, grid, refusal, run};
+use crate::common::scenes::{Drawing, all_round, close, grid, refusal, run};
 use serde_json::Value;
 use std::f64::consts::PI;
 
@@ -49,6 +49,32 @@ fn equilibria_of_squares() {
             }
         }
     }
+}
+
+/// Returns a clamped disc of radius 1 m at rest under a pressure P = q / (E h^4).
+fn disc(rings: usize, in_plane: &str, load: f64) -> String {
+    let file = Drawing::disc(rings).write(&format!("stretched-{rings}-{in_plane}.msh"));
+    format!(
+        "plate = {{ thickness = 0.01, youngs_modulus = 10.92e6, poissons_ratio = 0.3, density = 100 }}\n\
+         mesh.file = \"{file}\"\nin_plane.stretching = true\n\
+         support = [{{ edge = \"rim\", kind = \"clamped\", in_plane = \"{in_plane}\" }}]\n\
+         load.pressure = {}\ninitial.equilibrium = true\n\
+         time = {{ scheme = 'conserving', mass = 'modal', modes = 20, step = 1e-3, end = 1e-3 }}\n\
+         output = {{ probes = [{{ name = \"centre\", at = [0, 0] }}] }}\n",
+        load * 10.92e6 * THICKNESS.powi(4)
+    )
+}
+
+#[test]
+fn equilibria_of_clamped_discs() {
+    let reference: Value = serde_json::from_str(include_str!("../data/inplane.json")).unwrap();
+    for (which, in_plane) in ["held", "free"].into_iter().enumerate() {
+        let exact = reference["clamped_disc_static_held_free_by_P"]["5"][which].as_f64().unwrap();
+        let value = |cells| run(&disc(cells, in_plane, 5.0))[0].probes[0] / THICKNESS;
+        converges(&format!("disc, {in_plane}"), exact, 1e-3, value);
+    }
+    let error = refusal(&disc(4, "normal", 5.0)).to_string();
+    assert!(error.contains("in_plane: \"normal\" at (") && error.contains("oblique"), "{error}");
 }
 
 /// Frequency of w'' + w + alpha w^3 = 0 at an amplitude, by the integral over a quarter period.

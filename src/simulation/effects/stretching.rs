@@ -6,7 +6,7 @@ use crate::dof_map::{Place, Support};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{axpy, dot};
 use crate::linalg::{Form, MassModes};
-use crate::membrane::{InPlaneHold, Membrane, QuarticForm, Stretch, spaces};
+use crate::membrane::{InPlaneHold, InPlaneSupport, Membrane, QuarticForm, Stretch, spaces};
 use crate::partition::Partition;
 use crate::scheme::System;
 use crate::simulation::plate_assembly::PlateAssembly;
@@ -16,10 +16,12 @@ use faer::linalg::solvers::Solve;
 
 /// Largest number of Newton's iterations, and of halvings of one.
 const ITERATIONS: usize = 100;
-const HALVINGS: usize = 40;
+const HALVINGS: i32 = 40;
 
-/// Residual of an equilibrium, relative to the load, at which the iteration ends.
+/// Residuals of an equilibrium, relative to the load: the one at which the iteration ends, and the
+/// largest where rounding ends it.
 const SETTLED: f64 = 1e-13;
+const ROUNDING: f64 = 1e-10;
 
 /// Returns the energy of stretching in the modes of the mass; `None` where the scene has none.
 ///
@@ -33,16 +35,20 @@ pub(super) fn form<E: OfCells, P: Partition>(
     let (true, Form::Modal { modes, .. }) = (scene.stretches(), &system.mass) else { return Ok(None) };
     phase("stretching");
     let supports = regions::supports(scene, mesh, ground.comm())?;
-    let held = scene.supports.iter().zip(supports).filter_map(|(support, (place, kind))| {
-        let usual = match kind {
-            Support::Clamped | Support::SimplySupported => InPlaneHold::Held,
-            Support::Guided | Support::Elastic => InPlaneHold::Free,
-        };
-        match place {
-            Place::Edges(sides) => Some((sides, support.in_plane.unwrap_or(usual))),
-            Place::Nodes(_) => None,
-        }
-    });
+    let held =
+        scene.supports.iter().zip(supports).enumerate().filter_map(|(number, (support, (place, kind)))| {
+            let usual = match kind {
+                Support::Clamped | Support::SimplySupported => InPlaneHold::Held,
+                Support::Guided | Support::Elastic => InPlaneHold::Free,
+            };
+            match place {
+                Place::Edges(sides) => {
+                    let (key, hold) = (format!("support.{number}"), support.in_plane.unwrap_or(usual));
+                    Some(InPlaneSupport { key, sides, hold })
+                }
+                Place::Nodes(_) => None,
+            }
+        });
     let spaces = spaces(mesh, &held.collect::<Vec<_>>())?;
     let mut membrane = Membrane::new(mesh, &spaces, &PlateAssembly::new(scene, mesh, ground.comm())?)?;
     let shape = |k: usize| space.shape(modes.shapes.col_as_slice(k));
@@ -92,38 +98,33 @@ fn equilibrium(form: &QuarticForm, modes: &MassModes, start: &[f64]) -> Result<V
         let bending: f64 = q.iter().zip(squares).map(|(q, square)| 0.5 * square * q * q).sum();
         bending + stretch.energy() - dot(&load, q)
     };
-    let mut q = vec![0.0; start.len()];
-    let mut least = energy(&q, &mut stretch);
     let size = dot(&load, &load).sqrt();
+    let (mut q, mut residual) = (vec![0.0; start.len()], size);
     for _ in 0..ITERATIONS {
+        let least = energy(&q, &mut stretch);
         let mut pull = load.clone();
         pull.iter_mut().zip(q.iter().zip(squares)).for_each(|(pull, (q, square))| *pull -= square * q);
         stretch.add_gradient(-1.0, &mut pull);
-        if dot(&pull, &pull).sqrt() <= SETTLED * size {
-            return Ok(q);
+        residual = dot(&pull, &pull).sqrt();
+        if residual <= SETTLED * size {
+            break;
         }
         let mut tangent = form.hessian(&stretch);
         squares.iter().enumerate().for_each(|(k, square)| tangent[(k, k)] += square);
         let right = Mat::from_fn(pull.len(), 1, |k, _| pull[k]);
         let step = tangent.partial_piv_lu().solve(&right);
-        let mut length = 1.0;
-        let mut settles = false;
-        for _ in 0..HALVINGS {
+        let shorter = (0..HALVINGS).map(|halving| {
             let mut next = q.clone();
-            axpy(length, step.col_as_slice(0), &mut next);
-            let now = energy(&next, &mut stretch);
-            // At the end rounding hides the descent.
-            if now <= least + f64::EPSILON * least.abs() {
-                settles = next == q || now >= least && dot(&pull, &pull).sqrt() <= 1e3 * SETTLED * size;
-                (q, least) = (next, now);
-                break;
-            }
-            length *= 0.5;
-        }
-        if settles {
-            return Ok(q);
-        }
-        form.evaluate(&q, &mut stretch);
+            axpy(0.5_f64.powi(halving), step.col_as_slice(0), &mut next);
+            next
+        });
+        // At the end rounding hides the descent.
+        let most = least + f64::EPSILON * least.abs();
+        let Some(next) = shorter.into_iter().find(|next| energy(next, &mut stretch) <= most) else { break };
+        q = next;
+    }
+    if residual <= ROUNDING * size {
+        return Ok(q);
     }
     Err(Error::Unfinished("initial: no equilibrium of the plate that stretches was reached".into()))
 }
