@@ -1,7 +1,7 @@
 //! Run to make: its description before it begins, and its summary, plot and report at the end.
 
 use super::cache::CacheArgs;
-use super::printing::{OutputMode, print};
+use super::printing::{self, OutputMode, print};
 use super::report::report;
 use crate::error::Result;
 use crate::output::answers::answers;
@@ -9,6 +9,7 @@ use crate::output::checkpoint::Checkpoint;
 use crate::output::run_files::{RecordedRun, RunSummary};
 use crate::scene::Scene;
 use crate::simulation::Outcome;
+use crate::study;
 
 /// Run to make, from its start or from a checkpoint.
 pub(super) struct Job {
@@ -33,10 +34,15 @@ impl Job {
         print(&format!("{}\n{engine}effects: {}\n{from}", scene.title, effects(scene)))
     }
 
-    /// Writes the summary and the plot of a run, and prints its report.
+    /// Writes the summary of a run, and prints its report and what its outcome warns of.
     pub fn tell(&self, outcome: &Outcome, warnings: &[String], status: String) -> Result<()> {
         let RecordedRun { scene, folder, identity, .. } = &self.run;
-        let summary = RunSummary::new(scene, identity, outcome, warnings, status);
+        let late = study::warning_of_run(scene, outcome, warnings);
+        if let Some(warning) = late.as_ref().filter(|_| !self.voice.is_silent()) {
+            eprintln!("{}", printing::warning(warning));
+        }
+        let warnings: Vec<String> = warnings.iter().cloned().chain(late).collect();
+        let summary = RunSummary::new(scene, identity, outcome, &warnings, status);
         summary.write(folder)?;
         let answers = answers(&serde_json::to_value(&summary).unwrap_or_default());
         let report = report(scene, outcome, answers, warnings.len(), folder, self.verbose);

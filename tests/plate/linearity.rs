@@ -68,3 +68,37 @@ fn a_load_that_an_obstacle_bears_causes_no_warning() {
     assert_eq!(warnings(&text).len(), 1);
     assert_eq!(warnings(&(text + "obstacle = [{ side = \"below\", height = 0 }]\n")), [""; 0]);
 }
+
+/// A run judges the deflection that it reached, once: not where its scene was warned of already,
+/// nor where the plate stretches or its support carries it along.
+#[test]
+fn a_run_judges_its_own_largest_deflection() {
+    let warning = |text: &str| {
+        let (scene, (_, outcome)) = (scenes::scene(text), scenes::run_to_end(text));
+        let before = study::warnings(&scene, &Model::new(&scene).unwrap());
+        study::warning_of_run(&scene, &outcome, &before)
+    };
+    let thin = STRIP.replace("thickness = 1,", "thickness = 1e-3,").replace("= 12,", "= 12e9,");
+    let plate = format!("{thin}{}", scenes::grid("fvs", 10, 2));
+    let time = "time = { scheme = \"conserving\", mass = \"modal\", step = 2e-4, end = 0.06 }\n";
+    // A pressure that acts suddenly bends the plate twice as far as it does at rest.
+    let pushed = |supports: &str, pressure: f64| {
+        format!("{plate}{time}{supports}load.pressure = '{pressure} * cos(t)'\n")
+    };
+    let held =
+        "support = [{ edge = \"left\", kind = \"clamped\" }, { edge = \"right\", kind = \"clamped\" }]\n";
+    // q L^4 / (384 EI) = q / 384 m at rest.
+    assert_eq!(warning(&pushed(held, 0.05)), None);
+    let said = warning(&pushed(held, 0.07)).unwrap();
+    assert!(said.starts_with("the largest deflection is ") && said.contains("stretches"), "{said}");
+    assert_eq!(warning(&(pushed(held, 0.07) + "in_plane.stretching = true\n")), None);
+    let constant = format!("{plate}{time}{held}load.pressure = 0.7\n");
+    assert_eq!(warning(&constant), None, "the static deflection is judged before the run");
+    // q L^4 / (8 EI) = q / 8 m at rest.
+    let root = "support = [{ edge = \"left\", kind = \"clamped\" }]\n";
+    assert_eq!(warning(&pushed(root, 0.7)), None);
+    let said = warning(&pushed(root, 0.9)).unwrap();
+    assert!(said.contains("times the length that juts out"), "{said}");
+    let carried = "support = [{ edge = \"left\", kind = \"clamped\", motion = '0.3*sin(t)' }]\n";
+    assert_eq!(warning(&format!("{plate}{time}{carried}")), None);
+}
