@@ -27,6 +27,8 @@ pub struct Section {
     pub density: f64,
     /// Thickness, in m.
     pub thickness: f64,
+    /// Coefficient of thermal expansion, in 1/K.
+    pub expansion: f64,
 }
 
 /// Sections of a plate, cell by cell.
@@ -81,13 +83,15 @@ pub struct Plate {
     pub density: f64,
     /// Orthotropic constants; `None` for an isotropic plate.
     pub orthotropy: Option<Orthotropy>,
+    /// Coefficient of thermal expansion alpha, in 1/K.
+    pub expansion: f64,
 }
 
 impl Plate {
     /// Creates an isotropic plate from its thickness in m, Young's modulus in Pa, Poisson's ratio,
     /// and density in kg/m^3.
     pub const fn isotropic(thickness: f64, youngs_modulus: f64, poissons_ratio: f64, density: f64) -> Plate {
-        Plate { thickness, youngs_modulus, poissons_ratio, density, orthotropy: None }
+        Plate { thickness, youngs_modulus, poissons_ratio, density, orthotropy: None, expansion: 0.0 }
     }
 
     /// Returns the bending rigidity `$D = E h^3 / (12 (1 - \nu^2))$`, for an orthotropic plate the
@@ -135,7 +139,8 @@ impl Plate {
                 turn.tr_mul(&(along_grain * turn))
             }
         };
-        Section { bending, density: self.surface_density(), thickness: self.thickness }
+        let Plate { thickness, expansion, .. } = *self;
+        Section { bending, density: self.surface_density(), thickness, expansion }
     }
 }
 

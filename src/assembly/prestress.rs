@@ -10,20 +10,20 @@ use crate::plate;
 use nalgebra::Matrix2;
 use std::cell::RefCell;
 
-/// Returns the geometric stiffness of a membrane force (N/m), cell by cell. `rules` gives other
-/// quadrature rules for some cells.
+/// Returns the geometric stiffness of a membrane force (N/m) at a point of a cell, cell by cell.
+/// `rules` gives other quadrature rules for some cells.
 ///
 /// # Errors
 /// Returns [`Error::Mesh`](crate::Error::Mesh) for a cell that cannot carry its element, and the
 /// errors of the force.
 pub fn prestress(
     mesh: &Mesh,
-    force: &dyn Fn(Point) -> Result<Matrix2<f64>>,
+    force: &dyn Fn(usize, Point) -> Result<Matrix2<f64>>,
     rules: &Rules,
 ) -> Result<Vec<CellMatrix>> {
     let fault = RefCell::new(None);
-    let value = |point: Point| {
-        force(point).unwrap_or_else(|error| {
+    let value = |cell: usize, point: Point| {
+        force(cell, point).unwrap_or_else(|error| {
             fault.replace(Some(error));
             Matrix2::zeros()
         })
@@ -32,7 +32,7 @@ pub fn prestress(
         let rule = rules.get(&number).map_or((&quadrature::DEGREE_6).into(), |rule| Rule::Own(rule));
         let element = mesh.element(number)?;
         let matrix = with_element!(&element, element => {
-            plate::geometric_stiffness(element, rule, value).as_slice().into()
+            plate::geometric_stiffness(element, rule, |point| value(number, point)).as_slice().into()
         });
         Ok((number, matrix))
     };

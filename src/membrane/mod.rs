@@ -12,11 +12,13 @@
 //! V for a given w. Both components of u are functions of the same elements as w, which contain
 //! all quadratics: no membrane locks. Three points per piece integrate the energy.
 
+mod forces;
 mod quartic;
 mod spaces;
 
+pub use forces::{DeadLoad, InPlaneDisplacement};
 pub use quartic::{QuarticForm, Stretch};
-pub use spaces::{InPlaneHold, InPlaneSupport, spaces};
+pub use spaces::{InPlaneHold, InPlaneSupport, Spaces, spaces};
 
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::{Element, quadrature, with_element};
@@ -115,10 +117,10 @@ impl Membrane {
     /// # Errors
     /// Returns the errors of cells and sections, and [`Error::Singular`] where the spaces leave
     /// the plate free to move in its plane.
-    pub fn new(mesh: &Mesh, spaces: &[DofMap; 2], sections: &impl Sections) -> Result<Membrane> {
-        let cell = |number| cell(mesh, number, spaces, sections);
+    pub fn new(mesh: &Mesh, Spaces { maps, .. }: &Spaces, sections: &impl Sections) -> Result<Membrane> {
+        let cell = |number| cell(mesh, number, maps, sections);
         let cells: Vec<MembraneCell> = (0..mesh.cells.len()).map(cell).collect::<Result<_>>()?;
-        let dofs = spaces[0].dofs() + spaces[1].dofs();
+        let dofs = maps[0].dofs() + maps[1].dofs();
         let engine = Native::new(dofs);
         let blocks = cells.iter().enumerate().map(|(number, cell)| cell.stiffness(number)).collect();
         let stiffness = engine.form(blocks);

@@ -3,7 +3,7 @@
 use crate::dof_map::{DofMap, NodeConstraint, Support};
 use crate::error::{Error, Result};
 use crate::mesh::{Mesh, Point};
-use nalgebra::{DMatrix, RowVector3};
+use nalgebra::{DMatrix, Matrix3, RowVector3, Vector3};
 
 /// Components of the displacement in the plane that a support along an edge holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -30,12 +30,23 @@ pub struct InPlaneSupport {
 /// Relative size below which a rigid motion is none.
 const NONE: f64 = 1e-9;
 
-/// Returns the spaces of the components along x and y. Rigid motions that no support holds, and
-/// that no strain sees, are left out.
+/// Spaces of the displacement in the plane.
+pub struct Spaces {
+    /// Spaces of the components along x and y, without the rigid motions that no support holds.
+    pub maps: [DofMap; 2],
+    /// Rigid motions that no support holds: translations along x and y and rotation about the
+    /// first node, in parts of the size of the plate.
+    pub free: Vec<Vector3<f64>>,
+    /// Size of the plate: largest distance of a node from the first one, in m.
+    pub size: f64,
+}
+
+/// Returns the spaces of both components. Rigid motions that no support holds, and that no strain
+/// sees, are left out.
 ///
 /// # Errors
 /// Returns [`Error::Scene`] where the component normal to an oblique side is to be held.
-pub fn spaces(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<[DofMap; 2]> {
+pub fn spaces(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<Spaces> {
     let nothing = || vec![NodeConstraint::default(); mesh.nodes.len()];
     let mut holds = [nothing(), nothing()];
     for InPlaneSupport { key, sides, hold } in supports {
@@ -62,31 +73,36 @@ pub fn spaces(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<[DofMap; 2]> {
             }
         }
     }
-    fix_rigid_motions(mesh, &mut holds);
-    Ok(holds.each_ref().map(|holds| DofMap::of(holds)))
-}
-
-/// Holds the rigid motions that are left at the first free node.
-fn fix_rigid_motions(mesh: &Mesh, holds: &mut [Vec<NodeConstraint>; 2]) {
     let centre = mesh.nodes[0];
     let size = mesh.nodes.iter().fold(f64::MIN_POSITIVE, |size, node| size.max((node - centre).norm()));
+    let free = fix_rigid_motions(mesh, size, &mut holds);
+    Ok(Spaces { maps: holds.each_ref().map(|holds| DofMap::of(holds)), free, size })
+}
+
+/// Holds the rigid motions that are left at the first free node, and returns them.
+fn fix_rigid_motions(mesh: &Mesh, size: f64, holds: &mut [Vec<NodeConstraint>; 2]) -> Vec<Vector3<f64>> {
+    let centre = mesh.nodes[0];
     // Displacement of a node under a motion (a, b, c): (a - c y, b + c x), in parts of the size.
     let row = |component: usize, node: usize| {
         let arm = (mesh.nodes[node] - centre) / size;
         if component == 0 { RowVector3::new(1.0, 0.0, -arm.y) } else { RowVector3::new(0.0, 1.0, arm.x) }
     };
-    let mut sum = nalgebra::Matrix3::zeros();
+    let mut sum = Matrix3::zeros();
     for (component, holds) in holds.iter().enumerate() {
         for (node, _) in holds.iter().enumerate().filter(|(_, hold)| hold.is_any()) {
             let row = row(component, node);
             sum += row.tr_mul(&row);
         }
     }
-    let rank = |matrix: nalgebra::Matrix3<f64>| {
+    let eigen = sum.symmetric_eigen();
+    let is_free = |value: f64| value <= NONE * sum.norm().max(1.0);
+    let motions = eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter());
+    let motions = motions.filter(|(value, _)| is_free(**value)).map(|(_, motion)| motion.into()).collect();
+    let rank = |matrix: Matrix3<f64>| {
         DMatrix::from_column_slice(3, 3, matrix.as_slice()).rank(NONE * matrix.norm().max(1.0))
     };
     let free = |node: &usize| holds.iter().all(|holds| !holds[*node].is_any());
-    let Some(node) = (0..mesh.nodes.len()).find(free) else { return };
+    let Some(node) = (0..mesh.nodes.len()).find(free) else { return motions };
     let turn = RowVector3::new(0.0, 0.0, 1.0);
     for (row, component, hold) in [
         (row(0, node), 0, NodeConstraint { deflection: 1.0, slopes: [0.0; 3] }),
@@ -101,4 +117,5 @@ fn fix_rigid_motions(mesh: &Mesh, holds: &mut [Vec<NodeConstraint>; 2]) {
             slopes.iter_mut().zip(hold.slopes).for_each(|(sum, slope)| *sum += slope);
         }
     }
+    motions
 }

@@ -3,8 +3,8 @@
 use super::damping::ModalRatios;
 use super::document::{Document, quote};
 use super::{
-    ContactSolver, EngineName, FORCE_COLUMNS, Initial, LinearSolver, Mass, Massless, Obstacle, Probe,
-    ProbeQuantity, Region, Scene, SchemeSpec, Side, StartFrom, Support, SupportLocation, ordinal,
+    ContactSolver, EngineName, FORCE_COLUMNS, InPlane, Initial, LinearSolver, Mass, Massless, Obstacle,
+    Probe, ProbeQuantity, Region, Scene, SchemeSpec, Side, StartFrom, Support, SupportLocation, ordinal,
 };
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
@@ -20,7 +20,23 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_jumps(doc, scene)?;
     check_accelerations(doc, scene)?;
     scene.in_plane.iter().try_for_each(|in_plane| in_plane.check(doc))?;
+    check_temperature(doc, scene)?;
     check_scheme(doc, scene)
+}
+
+/// Refuses a temperature without thermal expansion, and expansion without a temperature.
+fn check_temperature(doc: &Document, scene: &Scene) -> Result<()> {
+    let parts = scene.parts.iter().enumerate().map(|(index, part)| (format!("part.{index}"), &part.plate));
+    let mut plates = std::iter::once(("plate".to_owned(), &scene.plate.plate)).chain(parts);
+    match &scene.in_plane {
+        Some(InPlane { temperature: Some(_), .. }) if plates.all(|(_, plate)| plate.expansion == 0.0) => {
+            Err(doc.missing("plate.expansion", "expected a thermal expansion in 1/K"))
+        }
+        Some(InPlane { temperature: Some(_), .. }) => Ok(()),
+        _ => plates.try_for_each(|(table, _)| {
+            doc.forbid(&format!("{table}.expansion"), "has no use without in_plane.temperature")
+        }),
+    }
 }
 
 /// Refuses what a plate that stretches does not take, and supports in the plane of one that does
@@ -28,8 +44,9 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
 fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
     for (index, support) in scene.supports.iter().enumerate().filter(|(_, one)| one.in_plane.is_some()) {
         let key = format!("support.{index}.in_plane");
-        if !scene.stretches() {
-            return Err(doc.fault(&key, "has no use without in_plane.stretching = true"));
+        if !scene.in_plane.as_ref().is_some_and(|in_plane| in_plane.stretching || in_plane.is_solved()) {
+            let wrong = "has no use without in_plane.stretching, temperature or traction";
+            return Err(doc.fault(&key, wrong));
         }
         if !matches!(support.stand, SupportLocation::Edge { .. }) {
             let wrong = "a point has no stiffness in the plane of a plate; expected a support along an edge";

@@ -2,7 +2,7 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{Compliance, FieldInput, Initial, Load, Scene, Side, Tension};
+use super::{Compliance, FieldInput, InPlane, Initial, Load, Scene, Side};
 use crate::contact_law::StopLaw;
 
 impl Scene {
@@ -17,7 +17,7 @@ impl Scene {
         add(self.plate.thickness.is_some(), "varying thickness");
         add(self.plate.plate.orthotropy.is_some(), "orthotropic material");
         add(!self.parts.is_empty(), "parts of other material or thickness");
-        add(self.tension().is_some(), "prestress");
+        add(self.prestress().is_some(), "prestress");
         add(self.stretches(), "stretching");
         add(self.supports.iter().any(|support| support.elastic.is_some()), "elastic edges");
         self.attachments.effects().iter().for_each(|(is_on, name)| add(*is_on, name));
@@ -58,9 +58,9 @@ impl Scene {
         effects
     }
 
-    /// Returns the membrane force that is given, if there is any.
-    pub fn tension(&self) -> Option<&Tension> {
-        self.in_plane.as_ref()?.prestress()
+    /// Returns the forces in the plane that do not depend on the deflection, if there are any.
+    pub fn prestress(&self) -> Option<&InPlane> {
+        self.in_plane.as_ref().filter(|in_plane| in_plane.is_prestressed())
     }
 
     /// Returns whether the mid-plane of the plate stretches as it bends.

@@ -1,9 +1,9 @@
 //! Table `[in_plane]`: forces in the plane of the plate.
 
 use super::document::Document;
-use super::entry::{section, table};
+use super::entry::{section, table, tables};
 use super::given::FieldInput;
-use super::kinds::{number, truth};
+use super::kinds::{name, number, truth};
 use crate::error::Result;
 use crate::field::Names;
 
@@ -14,6 +14,12 @@ table! {
         /// Whether the mid-plane stretches as the plate bends (von Karman), where supports hold the
         /// plate in its plane; with `conserving` and the modal mass.
         stretching: bool = truth().says("the mid-plane stretches").or_silent(false);
+        /// Temperature above the one at which the plate has no stress, the same through the
+        /// thickness, a field of x, y; supports that hold the plate in its plane turn its expansion
+        /// into forces. Needs `plate.expansion`.
+        temperature: Option<FieldInput> = number("a temperature", "K").field(Names::XY).optional();
+        /// Loads on edges in the plane.
+        tractions: Vec<Traction> = tables("traction", "edge and force");
         /// Membrane force that a stretched frame or edge loads keep up: `xx`, `yy`, `xy`.
         tension: Tension = section();
     }
@@ -35,6 +41,17 @@ table! {
     }
 }
 
+table! {
+    /// Load on an edge in the plane, which keeps its direction.
+    #[derive(Debug, Clone, PartialEq)]
+    pub struct Traction {
+        /// `left`, `right`, `bottom`, `top`, or a physical group of a mesh file.
+        edge: String = name("expected the name of an edge");
+        /// Force per length along x and y.
+        force: [f64; 2] = number("a force per length", "N/m").pair("expected [along x, along y] in N/m");
+    }
+}
+
 impl Tension {
     /// Returns the components xx, yy and xy.
     pub fn components(&self) -> [&FieldInput; 3] {
@@ -43,15 +60,28 @@ impl Tension {
 }
 
 impl InPlane {
-    /// Returns the membrane force, if there is any.
-    pub fn prestress(&self) -> Option<&Tension> {
-        let components = self.tension.components();
-        components.into_iter().any(|component| !component.is_zero()).then_some(&self.tension)
+    /// Returns whether there are forces in the plane that do not depend on the deflection.
+    pub fn is_prestressed(&self) -> bool {
+        self.is_solved() || self.tension.components().into_iter().any(|component| !component.is_zero())
+    }
+
+    /// Returns whether forces follow from the equilibrium in the plane.
+    pub fn is_solved(&self) -> bool {
+        self.temperature.as_ref().is_some_and(|given| !given.is_zero()) || !self.tractions.is_empty()
+    }
+
+    /// Returns the key of the forces, for messages: of several the one that says most.
+    pub fn key(&self) -> &'static str {
+        match (&self.temperature, self.tractions.is_empty()) {
+            (Some(_), _) => "in_plane.temperature",
+            (None, false) => "in_plane.traction",
+            (None, true) => "in_plane.tension",
+        }
     }
 
     /// Refuses a table that changes nothing.
     pub(super) fn check(&self, doc: &Document) -> Result<()> {
-        if !self.stretching && self.prestress().is_none() {
+        if !self.stretching && self.temperature.is_none() && !self.is_prestressed() {
             let wrong = "expected at least one of xx, yy and xy, in N/m";
             return Err(doc.missing("in_plane.tension", wrong));
         }

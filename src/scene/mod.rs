@@ -72,7 +72,7 @@ pub use damping::{Damping, ModalRatios};
 use document::Document;
 use entry::{SceneText, Table};
 pub use given::{FieldInput, MeasuredTable, Region, Still};
-pub use in_plane::{InPlane, Tension};
+pub use in_plane::{InPlane, Traction};
 pub use initial::{Initial, StartFrom};
 pub use loads::{Force, Load, Moment};
 pub use mesh::{Grid, MeshFile};

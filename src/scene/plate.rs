@@ -70,6 +70,9 @@ table! {
         /// Angle of the grain from x, counter-clockwise, by default 0; only for an orthotropic
         /// plate.
         grain: Option<f64> = inherited(number("an angle", "degrees").says("degrees from x").optional());
+        /// Thermal expansion, the same along and across a grain, by default 0; needed with
+        /// [`in_plane.temperature`](#in_plane).
+        expansion: Option<f64> = inherited(number("a thermal expansion", "1/K").optional());
     }
 }
 
@@ -131,11 +134,12 @@ fn checked(material: Material, doc: &Document, table: &str) -> Result<(Plate, Op
         // The origin need not lie on the plate, so that an error there does not matter.
         None => (material.thickness.at(Point::origin(), 0.0).unwrap_or(0.0), Some(material.thickness)),
     };
-    Ok((Plate { thickness, youngs_modulus, poissons_ratio, density, orthotropy }, field))
+    let expansion = material.expansion.unwrap_or(0.0);
+    Ok((Plate { thickness, youngs_modulus, poissons_ratio, density, orthotropy, expansion }, field))
 }
 
 fn material_keys((plate, thickness): &(Plate, Option<FieldInput>)) -> Material {
-    let Plate { youngs_modulus, poissons_ratio, density, orthotropy, .. } = *plate;
+    let Plate { youngs_modulus, poissons_ratio, density, orthotropy, expansion, .. } = *plate;
     Material {
         thickness: thickness.clone().unwrap_or_else(|| FieldInput::new("", plate.thickness)),
         youngs_modulus,
@@ -144,6 +148,7 @@ fn material_keys((plate, thickness): &(Plate, Option<FieldInput>)) -> Material {
         youngs_modulus_across: orthotropy.map(|grained| grained.across),
         shear_modulus: orthotropy.map(|grained| grained.shear_modulus),
         grain: orthotropy.map(|grained| grained.grain),
+        expansion: (expansion != 0.0).then_some(expansion),
     }
 }
 

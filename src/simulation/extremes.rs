@@ -106,7 +106,7 @@ impl StressSites {
             Ok(section.moment_per_curvature() * section.stress_per_moment())
         };
         let stresses: Result<Vec<Matrix3<f64>>> = sites.iter().zip(&cell_of).map(stress).collect();
-        let middle = sites.iter().zip(&cell_of).filter(|_| scene.tension().is_some());
+        let middle = sites.iter().zip(&cell_of).filter(|_| curvatures.membrane.is_any());
         let middle = middle.map(|(site, &cell)| curvatures.middle(cell, mesh.nodes[site.node]));
         let middle: Result<Vec<Moments>> = middle.collect();
         Ok(Some(StressSites {

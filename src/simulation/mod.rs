@@ -11,6 +11,7 @@ mod extremes;
 mod fields;
 mod forces;
 mod levels;
+mod membrane_forces;
 mod meshing;
 mod named_forces;
 mod nodal_motion;

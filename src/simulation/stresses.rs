@@ -1,6 +1,7 @@
 //! Recovered curvatures of a scene's plate, with its thickness and material.
 
 use super::effects::BuildContext;
+use super::membrane_forces::MembraneForces;
 use super::plate_assembly::PlateAssembly;
 use crate::assembly::{self, Probe, Recovery};
 use crate::communicator::Communicator;
@@ -14,6 +15,7 @@ use crate::scene::Scene;
 use crate::stress::Moments;
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
+use std::rc::Rc;
 
 /// Function that returns the curvatures at the sites of a recovery for deflections and slopes at
 /// all nodes of this rank's cells, three per node. Collective.
@@ -21,7 +23,7 @@ pub(super) type CurvaturesOfShape = Box<dyn Fn(&[f64]) -> Result<Vec<[f64; 3]>>>
 
 /// Recovery of the curvatures of a scene's plate, with its sections.
 pub(super) struct PlateCurvatures<'s> {
-    scene: &'s Scene,
+    pub membrane: Rc<MembraneForces<'s>>,
     pub body: PlateAssembly<'s>,
     pub recovery: Recovery,
     /// Number of parts of the plate, the plate outside all of them included.
@@ -48,22 +50,24 @@ impl<'s> PlateCurvatures<'s> {
         let body = PlateAssembly::new(scene, mesh, partition.comm())?;
         let parts = scene.parts.len() + 1;
         let recovery = Recovery::new(mesh, &ground.cells, &|cell| body.part(cell), parts, partition)?;
-        Ok(PlateCurvatures { scene, body, recovery, parts })
+        Ok(PlateCurvatures { membrane: ground.membrane.clone(), body, recovery, parts })
     }
 
     /// Returns the stresses of the mid-plane at a point of a cell, in Pa: 0 without forces in the
     /// plane.
     pub fn middle(&self, cell: usize, point: Point) -> Result<Moments> {
-        let Some(tension) = self.scene.tension() else { return Ok(Moments::default()) };
-        let [xx, yy, xy] = tension.components().map(|component| component.at(point, 0.0));
-        Ok(Moments { xx: xx?, yy: yy?, xy: xy? }.times(1.0 / self.body.section(cell, point)?.thickness))
+        if !self.membrane.is_any() {
+            return Ok(Moments::default());
+        }
+        let [xx, yy, xy] = self.membrane.at(cell, point)?;
+        Ok(Moments { xx, yy, xy }.times(1.0 / self.body.section(cell, point)?.thickness))
     }
 
     /// Returns the stresses of the mid-plane at a point of the plate, in Pa: the mean over all
     /// cells that contain the point. Collective.
     pub fn middle_at<P: Partition>(&self, ground: &BuildContext<P>, place: [f64; 2]) -> Result<Moments> {
         let (comm, point) = (ground.partition.comm(), Point::from(place));
-        if self.scene.tension().is_none() {
+        if !self.membrane.is_any() {
             return Ok(Moments::default());
         }
         let around = ground.mesh.cells_at(point).map(|cell| self.middle(cell, point));

@@ -89,11 +89,12 @@ fn kinks_of_supports() {
 
 #[test]
 fn a_ball_and_all_that_is_attached() {
+    let heated = PAPER_PLATE.replace(" }", ", expansion = 1.2e-5 }");
     agree(
         "ball",
         &format!(
             r#"
-            {PAPER_PLATE}
+            {heated}
             mesh = {{ element = "hct", cells = [4, 2], refine = 1, diagonal = "alternating" }}
             support = [{{ edge = "left", kind = "simply_supported", motion = "1e-3*sin(30*t)" }}, {{ edge = "right", kind = "simply_supported" }}, {{ edge = "top", where = "x < 0.5", kind = "guided" }}, {{ edge = "bottom", kind = "elastic", stiffness = 3e4, rotation = 2e3 }}]
             ball = [{{ at = [0.6, 0.2], mass = 5.0, height = 2e-3 }}, {{ at = [0.93, 0.11], side = "below", mass = 0.2, height = -5e-3, velocity = 0.4 }}]
@@ -103,6 +104,8 @@ fn a_ball_and_all_that_is_attached() {
             mass = [{{ at = [0.75, 0.35], mass = 2 }}, {{ at = [0.6, 0.1], mass = 3 }}, {{ at = [0.0, 0.2], mass = 4 }}]
             foundation = [{{ stiffness = "2e4*x", where = "y < 0.2" }}]
             in_plane.tension = {{ xx = 2e4, yy = "-1e3*x", xy = "exp(9*y)" }}
+            in_plane.temperature = "4 - 3*x*y"
+            in_plane.traction = [{{ edge = "top", force = [1e3, 2e3] }}]
             rib = [{{ line = [[0.1, 0.05], [1.15, 0.3]], bending = 2e3, torsion = 5e2, mass = 4 }}, {{ edge = "top", bending = 1e3, mass = 2 }}]
             time = {{ scheme = "newmark", mass = "singular", step = 2e-4, end = 0.08 }}
             output = {{ probes = [{{ name = "centre", at = [0.6, 0.2] }}, {{ name = "ball", ball = 0 }}, {{ name = "other", ball = 1 }}] }}

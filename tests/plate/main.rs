@@ -8,6 +8,7 @@ mod cards;
 mod elements;
 mod frequencies;
 mod gmsh;
+mod heated;
 mod inf_sup;
 mod insertion;
 mod linearity;

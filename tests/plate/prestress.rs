@@ -131,7 +131,7 @@ fn a_buckled_plate_is_refused_with_its_load() {
     close("factor", factor, 4.0 * PI * PI / 40.0, 1e-2);
     assert!(error.contains("in_plane.tension: "), "{error}");
     let free = refusal(&scene("", "xx = -1", "fvs", 4)).to_string();
-    assert!(free.contains("in_plane.tension presses a plate"), "{free}");
+    assert!(free.contains("in_plane.tension: forces press a plate"), "{free}");
     let none = refusal(&scene(&supports, "", "fvs", 4)).to_string();
     assert!(none.contains("in_plane.tension: ") && none.contains("xx, yy and xy"), "{none}");
 }

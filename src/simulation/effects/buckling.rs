@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::linalg::Form;
 use crate::modes::buckling::{self, Buckling};
 use crate::partition::Partition;
+use crate::scene::InPlane;
 
 /// Returns the forms of K without the forces in the plane, and of their geometric stiffness.
 fn forms<E: OfCells, P: Partition>(ground: &BuildContext<P>, engine: &E) -> [Form; 2] {
@@ -25,9 +26,10 @@ pub(super) fn require_stable<E: OfCells, P: Partition>(
     if !presses(ground)? {
         return Ok(());
     }
+    let key = ground.scene.prestress().map_or("", InPlane::key);
     if let Some(motion) = mechanism {
         return Err(Error::Scene(format!(
-            "in_plane.tension presses a plate that the supports leave a mechanism: {motion}; expected supports that hold it"
+            "{key}: forces press a plate that the supports leave a mechanism: {motion}; expected supports that hold it"
         )));
     }
     let [stiffness, geometric] = forms(ground, engine);
@@ -36,7 +38,7 @@ pub(super) fn require_stable<E: OfCells, P: Partition>(
     }
     let factor = buckling::lowest(engine, [&stiffness, &geometric])?.map_or(0.0, |load| load.factor);
     Err(Error::Scene(format!(
-        "in_plane.tension: the plate buckles at {factor:.4} times these forces; expected less pressure"
+        "{key}: the plate buckles at {factor:.4} times these forces; expected less pressure"
     )))
 }
 
@@ -49,7 +51,7 @@ pub(in crate::simulation) fn load<E: OfCells, P: Partition>(
     ground: &BuildContext<P>,
     engine: &E,
 ) -> Result<Option<Buckling>> {
-    if ground.scene.tension().is_none() {
+    if !ground.membrane.is_any() {
         return Ok(None);
     }
     let [stiffness, geometric] = forms(ground, engine);

@@ -10,8 +10,10 @@ use crate::geometry;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::scene::{self, FieldInput, Scene};
+use crate::simulation::membrane_forces::MembraneForces;
 use crate::simulation::refinement;
 use crate::simulation::stops::Stop;
+use std::rc::Rc;
 
 /// Build context of a model: this process's part of the mesh, and the relation of its dofs to the
 /// engine's dofs.
@@ -28,6 +30,8 @@ pub(in crate::simulation) struct BuildContext<'g, P: Partition> {
     pub gaps: &'g [Option<usize>],
     /// Tips of compliant stops, in the order of the tips of `space`.
     pub stops: &'g [Stop],
+    /// Forces in the plane.
+    pub membrane: Rc<MembraneForces<'g>>,
     /// Arrays of the cells, with the masses that they carry.
     pub cells: Vec<CellArrays>,
     /// Contributions of all effects of the scene.

@@ -2,15 +2,14 @@
 
 use super::ground::BuildContext;
 use super::of_cells::OfCells;
-use crate::dof_map::{Place, Support};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::{axpy, dot};
 use crate::linalg::{Form, MassModes};
-use crate::membrane::{InPlaneHold, InPlaneSupport, Membrane, QuarticForm, Stretch, spaces};
+use crate::membrane::{Membrane, QuarticForm, Stretch};
 use crate::partition::Partition;
 use crate::scheme::System;
 use crate::simulation::plate_assembly::PlateAssembly;
-use crate::simulation::{phase, regions};
+use crate::simulation::{membrane_forces, phase};
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
@@ -34,22 +33,7 @@ pub(super) fn form<E: OfCells, P: Partition>(
     let BuildContext { scene, mesh, space, .. } = *ground;
     let (true, Form::Modal { modes, .. }) = (scene.stretches(), &system.mass) else { return Ok(None) };
     phase("stretching");
-    let supports = regions::supports(scene, mesh, ground.comm())?;
-    let held =
-        scene.supports.iter().zip(supports).enumerate().filter_map(|(number, (support, (place, kind)))| {
-            let usual = match kind {
-                Support::Clamped | Support::SimplySupported => InPlaneHold::Held,
-                Support::Guided | Support::Elastic => InPlaneHold::Free,
-            };
-            match place {
-                Place::Edges(sides) => {
-                    let (key, hold) = (format!("support.{number}"), support.in_plane.unwrap_or(usual));
-                    Some(InPlaneSupport { key, sides, hold })
-                }
-                Place::Nodes(_) => None,
-            }
-        });
-    let spaces = spaces(mesh, &held.collect::<Vec<_>>())?;
+    let spaces = membrane_forces::spaces(scene, mesh)?;
     let mut membrane = Membrane::new(mesh, &spaces, &PlateAssembly::new(scene, mesh, ground.comm())?)?;
     let shape = |k: usize| space.shape(modes.shapes.col_as_slice(k));
     let shapes: Vec<Vec<f64>> = (0..modes.count()).map(shape).collect();

@@ -22,9 +22,11 @@ use crate::partition::Partition;
 use crate::scene::Scene;
 use crate::simulation::effects::contributions::Contributions;
 use crate::simulation::effects::ground::BuildContext;
+use crate::simulation::membrane_forces::MembraneForces;
 use crate::simulation::phase;
 use crate::simulation::plate_assembly::PlateAssembly;
 use crate::simulation::stops::Stop;
+use std::rc::Rc;
 
 /// Function that adds the contributions of an effect; nothing where the scene does not have it.
 /// Collective.
@@ -65,7 +67,9 @@ impl<'g, P: Partition> BuildContext<'g, P> {
         let comm = partition.comm();
         let bare = comm.all_ok(assembly::cells(mesh, space, &PlateAssembly::new(scene, mesh, comm)?))?;
         let (cells, terms) = (bare.clone(), Contributions::default());
-        let mut ground = BuildContext { scene, partition, mesh, holds, space, gaps, stops, cells, terms };
+        let membrane = Rc::new(MembraneForces::new(scene, mesh, partition)?);
+        let mut ground =
+            BuildContext { scene, partition, mesh, holds, space, gaps, stops, membrane, cells, terms };
         let mut terms = Contributions::default();
         effects().into_iter().try_for_each(|add| add(&ground, &mut terms))?;
         ground.terms = terms;

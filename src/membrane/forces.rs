@@ -1,0 +1,152 @@
+//! Forces in the plane that do not depend on the deflection.
+//!
+//! A plate that is flat, heated and loaded at its edges is in equilibrium in its plane where
+//!
+//! ```math
+//! \int \mathrm{sym}\, \nabla v : A : (\mathrm{sym}\, \nabla u - \epsilon_0) = \int_\Gamma t \cdot v
+//! ```
+//!
+//! for all v, with the strain of free expansion `$\epsilon_0 = \alpha T\, I$` and dead loads t on
+//! edges. Its membrane force is `$N = A : (\mathrm{sym}\, \nabla u - \epsilon_0)$`.
+
+use super::{Membrane, Spaces};
+use crate::dof_map::PER_NODE;
+use crate::element::{Element, quadrature, with_element};
+use crate::error::{Error, Result};
+use crate::linalg::vectors::largest;
+use crate::mesh::{Mesh, Point};
+use crate::plate::Section;
+use nalgebra::{Vector2, Vector3};
+
+/// Dead load on sides of cells.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DeadLoad {
+    /// Key of its table in the scene, for messages.
+    pub key: String,
+    /// Sides of cells, each by its two nodes.
+    pub sides: Vec<[usize; 2]>,
+    /// Force per length along x and y, in N/m.
+    pub force: [f64; 2],
+}
+
+/// Part of a load that no support carries, relative to the load, above which there is no
+/// equilibrium.
+const CARRIED: f64 = 1e-9;
+
+/// Displacement in the plane, of both components three values per node: the component, in m, and
+/// its slopes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct InPlaneDisplacement([Vec<f64>; 2]);
+
+impl InPlaneDisplacement {
+    /// Returns the displacement in equilibrium, for a free strain of expansion at a point of a cell
+    /// and dead loads.
+    ///
+    /// # Errors
+    /// Returns [`Error::Scene`] for loads that nothing carries, and the errors of the free strain.
+    pub fn new(
+        mesh: &Mesh,
+        spaces: &Spaces,
+        membrane: &mut Membrane,
+        free_strain: &dyn Fn(usize, Point) -> Result<f64>,
+        loads: &[DeadLoad],
+    ) -> Result<InPlaneDisplacement> {
+        let mut force = vec![0.0; membrane.dofs];
+        for (number, cell) in membrane.cells.iter().enumerate() {
+            let points = with_element!(&mesh.element(number)?, element => strain_points(element));
+            let strains = points.into_iter().zip(&cell.points).map(|(place, point)| {
+                let strain = free_strain(number, place)?;
+                Ok(point.root * Vector3::new(-strain, 0.0, -strain))
+            });
+            cell.add_force(&strains.collect::<Result<Vec<_>>>()?, &mut force);
+        }
+        require_carried(mesh, spaces, loads)?;
+        let shift = spaces.maps[0].dofs();
+        for DeadLoad { sides, force: traction, .. } in loads {
+            for &[a, b] in sides {
+                for (node, place, share) in side_shares(mesh.nodes[b] - mesh.nodes[a], [a, b]) {
+                    for (component, map) in spaces.maps.iter().enumerate() {
+                        if let Some((dof, factor)) = map.dof(PER_NODE * node + place) {
+                            force[component * shift + dof] += factor * share * traction[component];
+                        }
+                    }
+                }
+            }
+        }
+        membrane.factor.solve(&mut force)?;
+        let (along, across) = force.split_at(shift);
+        Ok(InPlaneDisplacement([spaces.maps[0].shape(along), spaces.maps[1].shape(across)]))
+    }
+
+    /// Returns the membrane force xx, yy and xy at a point of a cell with a section and a free
+    /// strain, in N/m.
+    ///
+    /// # Errors
+    /// Returns the errors of the cell.
+    pub fn force(
+        &self,
+        mesh: &Mesh,
+        cell: usize,
+        point: Point,
+        section: &Section,
+        free_strain: f64,
+    ) -> Result<[f64; 3]> {
+        let nodes = mesh.cells[cell].nodes();
+        let places = || nodes.iter().flat_map(|node| PER_NODE * node..PER_NODE * (node + 1));
+        let gradients: [Vector2<f64>; 2] = with_element!(&mesh.element(cell)?, element => {
+            let gradient = element.basis_at(point).gradient;
+            self.0.each_ref().map(|values| {
+                gradient.column_iter().zip(places()).map(|(g, place)| g * values[place]).sum()
+            })
+        });
+        let [along, across] = gradients;
+        let strain = Vector3::new(along.x - free_strain, 0.5 * (along.y + across.x), across.y - free_strain);
+        let [xx, xy, yy] = (section.bending * strain * (12.0 / section.thickness.powi(2))).into();
+        // The middle row works on both shear strains.
+        Ok([xx, yy, 0.5 * xy])
+    }
+}
+
+/// Returns the points of the strains of a cell, piece by piece.
+fn strain_points<const N: usize>(element: &Element<N>) -> Vec<Point> {
+    let pieces = 0..element.pieces.len();
+    let points = pieces.flat_map(|piece| {
+        quadrature::DEGREE_2.iter().map(move |&(barycentric, _)| element.point(piece, barycentric))
+    });
+    points.collect()
+}
+
+/// Returns the integrals over a side of the basis functions along it: node, place among its
+/// deflection and slopes, and value, in m or m2. They are cubic.
+fn side_shares(side: Vector2<f64>, [a, b]: [usize; 2]) -> [(usize, usize, f64); 6] {
+    let (half, turned) = (0.5 * side.norm(), side * (side.norm() / 12.0));
+    [(a, 0, half), (a, 1, turned.x), (a, 2, turned.y), (b, 0, half), (b, 1, -turned.x), (b, 2, -turned.y)]
+}
+
+/// Refuses loads with a resultant along a rigid motion that nothing holds.
+fn require_carried(mesh: &Mesh, spaces: &Spaces, loads: &[DeadLoad]) -> Result<()> {
+    let (mut resultant, mut sum) = (Vector3::zeros(), 0.0);
+    for DeadLoad { sides, force: [x, y], .. } in loads {
+        for &[a, b] in sides {
+            let length = (mesh.nodes[b] - mesh.nodes[a]).norm();
+            let arm = (nalgebra::center(&mesh.nodes[a], &mesh.nodes[b]) - mesh.nodes[0]) / spaces.size;
+            resultant += Vector3::new(*x, *y, arm.x * y - arm.y * x) * length;
+            sum += x.hypot(*y) * length;
+        }
+    }
+    let free: Vector3<f64> = spaces.free.iter().map(|motion| motion * motion.dot(&resultant)).sum();
+    if free.norm() <= CARRIED * sum {
+        return Ok(());
+    }
+    let most = largest(free.iter().copied());
+    let motion = match free.iter().position(|part| part.abs() == most) {
+        Some(0) => "along x",
+        Some(1) => "along y",
+        _ => "about the z axis",
+    };
+    let key = loads.first().map_or("in_plane.traction", |load| load.key.as_str());
+    Err(Error::Scene(format!(
+        "{key}: the loads move the plate {motion}, which no support prevents; expected loads in equilibrium, or \
+         supports that hold the plate in its plane"
+    )))
+}

@@ -1,0 +1,123 @@
+//! Forces in the plane of a scene's plate that do not depend on the deflection.
+
+use super::plate_assembly::PlateAssembly;
+use super::{meshing, regions};
+use crate::communicator::{Communicator, SelfComm};
+use crate::dof_map::{Place, Support};
+use crate::error::{Error, Result};
+use crate::membrane::{self, DeadLoad, InPlaneDisplacement, InPlaneHold, InPlaneSupport, Membrane, Spaces};
+use crate::mesh::{Mesh, Point};
+use crate::partition::Partition;
+use crate::plate::Sections;
+use crate::scene::{InPlane, Scene};
+use std::borrow::Cow;
+
+/// Forces in the plane of the cells of this process's part of the mesh.
+pub(super) struct MembraneForces<'g> {
+    in_plane: Option<&'g InPlane>,
+    solved: Option<SolvedForces<'g>>,
+}
+
+/// Forces by the equilibrium in the plane of the whole plate, which every process solves.
+struct SolvedForces<'g> {
+    mesh: Cow<'g, Mesh>,
+    sections: PlateAssembly<'g>,
+    displacement: InPlaneDisplacement,
+    /// Cell of the whole mesh of each cell of the part; `None` where the part is the whole.
+    cells: Option<Vec<usize>>,
+}
+
+impl<'g> MembraneForces<'g> {
+    /// Determines the forces of a scene. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the supports, and [`Error::Scene`] for loads that nothing carries.
+    pub fn new<P: Partition>(scene: &'g Scene, mesh: &'g Mesh, partition: &P) -> Result<MembraneForces<'g>> {
+        let in_plane = scene.prestress();
+        let solved = in_plane.filter(|in_plane| in_plane.is_solved());
+        let solved = solved.map(|in_plane| SolvedForces::new::<P>(scene, in_plane, mesh));
+        Ok(MembraneForces { in_plane, solved: partition.comm().all_ok(solved.transpose())? })
+    }
+
+    /// Returns whether there are any forces.
+    pub fn is_any(&self) -> bool {
+        self.in_plane.is_some()
+    }
+
+    /// Returns whether the forces are given, and do not follow from an equilibrium.
+    pub fn are_given(&self) -> bool {
+        self.solved.is_none()
+    }
+
+    /// Returns the components xx, yy and xy at a point of a cell of this process, in N/m.
+    ///
+    /// # Errors
+    /// Returns the errors of the formulas.
+    pub fn at(&self, cell: usize, point: Point) -> Result<[f64; 3]> {
+        let Some(in_plane) = self.in_plane else { return Ok([0.0; 3]) };
+        let [xx, yy, xy] = in_plane.tension.components().map(|component| component.at(point, 0.0));
+        let given = [xx?, yy?, xy?];
+        let Some(SolvedForces { mesh, sections, displacement, cells }) = &self.solved else {
+            return Ok(given);
+        };
+        let cell = cells.as_ref().map_or(cell, |cells| cells[cell]);
+        let section = sections.section(cell, point)?;
+        let strain = section.expansion * temperature(in_plane, point)?;
+        let solved = displacement.force(mesh, cell, point, &section, strain)?;
+        Ok([0, 1, 2].map(|k| given[k] + solved[k]))
+    }
+}
+
+impl<'g> SolvedForces<'g> {
+    fn new<P: Partition>(scene: &'g Scene, in_plane: &InPlane, part: &'g Mesh) -> Result<SolvedForces<'g>> {
+        let mesh = if P::DIVIDES { Cow::Owned(meshing::mesh(scene)?) } else { Cow::Borrowed(part) };
+        let cell_of = |cell| {
+            let centre = part.centroid(cell);
+            let missing = || Error::Mesh(format!("no cell of the whole mesh at {centre}"));
+            mesh.locate(centre).ok_or_else(missing)
+        };
+        let cells = P::DIVIDES.then(|| (0..part.cells.len()).map(cell_of).collect()).transpose()?;
+        let sections = PlateAssembly::new(scene, &mesh, &SelfComm)?;
+        let spaces = spaces(scene, &mesh)?;
+        let mut membrane = Membrane::new(&mesh, &spaces, &sections)?;
+        let strain =
+            |cell, point| Ok(sections.section(cell, point)?.expansion * temperature(in_plane, point)?);
+        let loads = in_plane.tractions.iter().enumerate().map(|(number, traction)| {
+            let key = format!("in_plane.traction.{number}");
+            let sides = regions::named(&mesh.edges, "edge", &traction.edge, &SelfComm, &key)?.to_vec();
+            Ok(DeadLoad { key, sides, force: traction.force })
+        });
+        let loads: Vec<DeadLoad> = loads.collect::<Result<_>>()?;
+        let displacement = InPlaneDisplacement::new(&mesh, &spaces, &mut membrane, &strain, &loads)?;
+        Ok(SolvedForces { mesh, sections, displacement, cells })
+    }
+}
+
+/// Returns the temperature above the one without stress at a point, in K.
+fn temperature(in_plane: &InPlane, point: Point) -> Result<f64> {
+    in_plane.temperature.as_ref().map_or(Ok(0.0), |temperature| temperature.at(point, 0.0))
+}
+
+/// Returns the spaces of the displacement in the plane of a whole mesh: clamped and simply
+/// supported edges hold the plate unless the scene says otherwise.
+///
+/// # Errors
+/// Returns the errors of the supports.
+pub(super) fn spaces(scene: &Scene, mesh: &Mesh) -> Result<Spaces> {
+    let supports = regions::supports(scene, mesh, &SelfComm)?;
+    let held =
+        scene.supports.iter().zip(supports).enumerate().filter_map(|(number, (support, (place, kind)))| {
+            let usual = match kind {
+                Support::Clamped | Support::SimplySupported => InPlaneHold::Held,
+                Support::Guided | Support::Elastic => InPlaneHold::Free,
+            };
+            match place {
+                Place::Edges(sides) => {
+                    let (key, hold) = (format!("support.{number}"), support.in_plane.unwrap_or(usual));
+                    Some(InPlaneSupport { key, sides, hold })
+                }
+                Place::Nodes(_) => None,
+            }
+        });
+    membrane::spaces(mesh, &held.collect::<Vec<_>>())
+}
