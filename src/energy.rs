@@ -56,6 +56,12 @@ impl Guard {
         Guard { start: start.total(), scale, held: scale.max(HELD * sonic), limit, advice }
     }
 
+    /// Returns the guard with a further energy against which energies are measured, in J.
+    pub fn beside(self, energy: f64) -> Guard {
+        let scale = self.scale.max(energy);
+        Guard { scale, held: self.held.max(scale), ..self }
+    }
+
     /// Saves or restores the energies that serve as reference.
     ///
     /// # Errors

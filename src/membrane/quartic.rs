@@ -7,6 +7,9 @@
 //! V = \tfrac12 \sum_k s_k^2, \qquad s_k = q^T H_k\, q, \qquad \nabla V = 2 \sum_k s_k H_k\, q .
 //! ```
 //!
+//! Forces in the plane that buckle the plate add their geometric energy `$\tfrac12 q^T G q$`, and
+//! V is then counted from its least value together with that of bending.
+//!
 //! The matrices H_k are the principal directions of the weighted strains of all pairs, each pair
 //! scaled to modes of equal energy. Directions of less than a millionth of the largest are left
 //! out.
@@ -15,7 +18,7 @@ use super::{Membrane, MembraneCell};
 use crate::error::Result;
 use crate::kernels::wide::widest;
 use crate::linalg::eigen::symmetric_eigen;
-use crate::linalg::vectors::axpy;
+use crate::linalg::vectors::{axpy, dot};
 use faer::Mat;
 use nalgebra::Vector3;
 use pulp::Arch;
@@ -32,6 +35,10 @@ pub struct QuarticForm {
     modes: usize,
     /// Matrices H_k, one after the other, symmetric, in the root of J per square of a coordinate.
     forms: Vec<f64>,
+    /// Geometric stiffness G of forces that buckle the plate, in 1/s^2, by columns; empty without.
+    geometric: Vec<f64>,
+    /// Energy that counts as zero, in J.
+    least: f64,
 }
 
 /// Values of a [`QuarticForm`] at a position.
@@ -41,6 +48,10 @@ pub struct Stretch {
     strains: Vec<f64>,
     /// Products H_k q, one after the other.
     products: Vec<f64>,
+    /// Product G q; empty without.
+    pull: Vec<f64>,
+    /// Geometric energy, less the one that counts as zero, in J.
+    geometric: f64,
 }
 
 impl QuarticForm {
@@ -83,7 +94,28 @@ impl QuarticForm {
             }
             forms.extend(form);
         }
-        Ok(QuarticForm { modes, forms })
+        Ok(QuarticForm { modes, forms, geometric: Vec::new(), least: 0.0 })
+    }
+
+    /// Adds the geometric stiffness of forces that buckle the plate, in 1/s^2.
+    pub fn add_geometric(&mut self, stiffness: &Mat<f64>) {
+        self.geometric = (0..self.modes).flat_map(|j| stiffness.col_as_slice(j).to_vec()).collect();
+    }
+
+    /// Counts energies from a value, in J.
+    pub fn count_from(&mut self, least: f64) {
+        self.least = least;
+    }
+
+    /// Returns the energy of the flat plate above the buckled one, in J; 0 for a plate that does
+    /// not buckle.
+    pub fn depth(&self) -> f64 {
+        -self.least
+    }
+
+    /// Returns whether forces in the plane buckle the plate.
+    pub fn is_buckled(&self) -> bool {
+        !self.geometric.is_empty()
     }
 
     /// Returns the number of matrices H_k.
@@ -93,7 +125,14 @@ impl QuarticForm {
 
     /// Evaluates the form at a position.
     pub fn evaluate(&self, q: &[f64], stretch: &mut Stretch) {
-        let Stretch { strains, products } = stretch;
+        let Stretch { strains, products, pull, geometric } = stretch;
+        pull.clear();
+        if self.is_buckled() {
+            pull.resize(self.modes, 0.0);
+            let columns = self.geometric.chunks_exact(self.modes);
+            columns.zip(q).for_each(|(column, q)| axpy(*q, column, pull));
+        }
+        *geometric = 0.5 * dot(pull, &q[..pull.len()]) - self.least;
         products.resize(self.forms.len() / self.modes, 0.0);
         strains.resize(products.len() / self.modes, 0.0);
         widest(
@@ -132,18 +171,29 @@ impl QuarticForm {
                 axpy(2.0 * s, &form[j * self.modes..(j + 1) * self.modes], column);
             }
         }
+        for (j, column) in self.geometric.chunks_exact(self.modes).enumerate() {
+            axpy(1.0, column, hessian.col_as_slice_mut(j));
+        }
         hessian
     }
 }
 
 impl Stretch {
+    /// Returns the sum of the squares of all strains s_k, in J.
+    pub fn strain_square(&self) -> f64 {
+        self.strains.iter().map(|strain| strain * strain).sum()
+    }
+
     /// Returns the energy V, in J.
     pub fn energy(&self) -> f64 {
-        0.5 * self.strains.iter().map(|strain| strain * strain).sum::<f64>()
+        0.5 * self.strain_square() + self.geometric
     }
 
     /// Adds a multiple of the gradient of V to `y`.
     pub fn add_gradient(&self, factor: f64, y: &mut [f64]) {
+        if !self.pull.is_empty() {
+            axpy(factor, &self.pull, y);
+        }
         let size = y.len();
         widest(
             Arch::new(),
@@ -162,7 +212,8 @@ impl Stretch {
     /// Returns the coefficients of 1, gamma, ..., gamma^4 of V on the line from this position by
     /// gamma times an increment, in J; `end` has the values at gamma = 1.
     pub fn along(&self, increment: &[f64], end: &Stretch) -> [f64; 5] {
-        let mut sum = [0.0; 5];
+        let first = dot(&self.pull, &increment[..self.pull.len()]);
+        let mut sum = [self.geometric, first, end.geometric - self.geometric - first, 0.0, 0.0];
         let products = self.products.chunks_exact(increment.len().max(1));
         for ((a, last), product) in self.strains.iter().zip(&end.strains).zip(products) {
             let b =

@@ -21,7 +21,19 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_accelerations(doc, scene)?;
     scene.in_plane.iter().try_for_each(|in_plane| in_plane.check(doc))?;
     check_temperature(doc, scene)?;
+    check_equilibrium(doc, scene)?;
     check_scheme(doc, scene)
+}
+
+/// Refuses a deflection beside an equilibrium that does not depend on where its search begins.
+fn check_equilibrium(doc: &Document, scene: &Scene) -> Result<()> {
+    let Initial { deflection, .. } = &scene.initial;
+    if deflection.is_zero() || !scene.initial.is_static() || scene.stretches() {
+        return Ok(());
+    }
+    let wrong = "contradicts a static start; expected either initial.deflection, \
+                 or initial.static_pressure and initial.equilibrium";
+    Err(doc.fault("initial.deflection", wrong))
 }
 
 /// Refuses a temperature without thermal expansion, and expansion without a temperature.

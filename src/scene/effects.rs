@@ -44,8 +44,8 @@ impl Scene {
             add(damping.stiffness != 0.0, "damping by stiffness");
             add(!damping.modal.is_none(), "modal damping");
         }
-        let Initial { static_pressure, equilibrium, deflection, velocity, from } = &self.initial;
-        add(*equilibrium || !static_pressure.is_zero(), "initial static deflection");
+        let Initial { deflection, velocity, from, .. } = &self.initial;
+        add(self.initial.is_static(), "initial static deflection");
         add(!deflection.is_zero(), "initial deflection");
         add(!velocity.is_zero(), "initial velocity");
         add(from.is_some(), "start from another run");

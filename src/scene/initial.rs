@@ -22,7 +22,9 @@ table! {
         /// `static_pressure`).
         equilibrium: bool = truth().says("at rest under the loads of the first instant").or_silent(false);
         /// Smooth field of x, y: the run starts from this deflection instead, which is 0 where
-        /// supports hold the plate. It is relative to the supports where these move.
+        /// supports hold the plate. It is relative to the supports where these move. With an
+        /// equilibrium of a plate that [stretches](#in_plane) it is where the search begins, such
+        /// as on one side of a buckled plate.
         deflection: FieldInput = number("a deflection", "m").field(Names::XY).or_silent(zero("deflection"));
         /// Initial velocity, upward: a smooth field of x, y.
         velocity: FieldInput =
@@ -43,6 +45,11 @@ impl Initial {
             velocity: zero("velocity"),
             from: None,
         }
+    }
+
+    /// Returns whether the start is an equilibrium.
+    pub fn is_static(&self) -> bool {
+        self.equilibrium || !self.static_pressure.is_zero()
     }
 
     /// Returns the key that gives the initial deflection.
@@ -76,19 +83,13 @@ fn zero(name: &str) -> FieldInput {
 
 /// Refuses starts that contradict each other.
 fn alone(initial: Initial, doc: &Document, table: &str) -> Result<Initial> {
-    let Initial { static_pressure, equilibrium, deflection, from, .. } = &initial;
-    if from.is_some() {
+    if initial.from.is_some() {
         for name in REPLACED {
             let wrong = "contradicts initial.from: the other run gives deflection and velocity";
             doc.forbid_with("initial.from", &join(table, name), wrong)?;
         }
         let [static_pressure, deflection, velocity] = ["static_pressure", "deflection", "velocity"].map(zero);
         return Ok(Initial { static_pressure, equilibrium: false, deflection, velocity, ..initial });
-    }
-    if !deflection.is_zero() && (*equilibrium || !static_pressure.is_zero()) {
-        let wrong = "contradicts a static start; expected either initial.deflection, \
-                     or initial.static_pressure and initial.equilibrium";
-        return Err(doc.fault("initial.deflection", wrong));
     }
     Ok(initial)
 }

@@ -373,7 +373,10 @@ impl<E: Engine> Model<E> {
     /// Returns the guard of the energy of a scheme at its start.
     fn guard(&self, scene: &Scene, scheme: &dyn Solution) -> Result<Guard> {
         let sonic = if self.system.drive.varies() { self.sonic } else { f64::INFINITY };
-        Ok(Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene)))
+        let guard = Guard::new(scheme.energies()?, sonic, scene.solver.energy_guard, advice(scene));
+        // A buckled plate at rest has no energy but rounding.
+        let stretching = self.system.drive.stretching.as_ref();
+        Ok(guard.beside(stretching.map_or(0.0, |form| form.depth())))
     }
 
     /// Starts a search for the largest von Mises stress; `None` unless the scene asks for extremes.

@@ -4,6 +4,7 @@
 use crate::error::Result;
 use crate::linalg::Form;
 use crate::modes;
+use crate::output::text::significant;
 use crate::scene::{Attachments, Ball, ContactSolver, EngineName, Mass, PointMass, Scene, SchemeSpec};
 use crate::simulation::Model;
 use serde::Serialize;
@@ -155,4 +156,9 @@ fn round_down(value: f64) -> f64 {
     let candidate = |digit: u32, exponent: i32| format!("{digit}e{exponent}").parse().unwrap_or(f64::NAN);
     let steps = [(5, exponent), (2, exponent), (1, exponent)].map(|(digit, e)| candidate(digit, e));
     steps.into_iter().find(|step| *step <= value).unwrap_or_else(|| candidate(5, exponent - 1))
+}
+
+/// Formats numbers as `5.9655  37.71  38.444`.
+pub(super) fn list(values: &[f64]) -> String {
+    values.iter().map(|value| significant(*value)).collect::<Vec<_>>().join("  ")
 }

@@ -1,7 +1,7 @@
 //! Analysis of a scene before it runs: [`inspect`] its matrices, [`check`] the cost of a run.
 
 use super::frequencies::{
-    Frequencies, advised_for, energy_step_for, frequencies, frequencies_of, on_native_engine,
+    Frequencies, advised_for, energy_step_for, frequencies, frequencies_of, list, on_native_engine,
     with_rigid_balls,
 };
 use super::infsup::{self, InfSup};
@@ -11,6 +11,7 @@ use super::warnings;
 use crate::assembly::{self, CellArrays};
 use crate::error::{Error, Result};
 use crate::linalg::{Engine, Form, Native};
+use crate::membrane::Stretch;
 use crate::mesh::{Cell, Made, Mesh, Point};
 use crate::output::text::{Report, engineering, grouped, short, significant};
 use crate::output::vtu;
@@ -172,8 +173,9 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mesh = simulation::mesh(scene)?;
     let mechanism = simulation::mechanism(scene, &mesh)?;
     let mut native = on_native_engine(scene);
-    native.output.extremes = true;
-    let is_static = scene.initial.equilibrium || !scene.initial.static_pressure.is_zero();
+    // Bending alone has neither the stresses nor the reactions of a plate that stretches.
+    native.output.extremes = !scene.stretches();
+    let is_static = scene.initial.is_static();
     let mut model = Model::new(&native);
     let no_start = mechanism.is_some() && is_static && matches!(model, Err(Error::Singular(_)));
     if no_start {
@@ -190,7 +192,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     // A ball in the air has no equilibrium.
     let is_loose = mechanism.is_some() || !scene.attachments.balls.is_empty();
     let loaded = match &system.load {
-        Some(load) if !is_loose => {
+        Some(load) if !is_loose && !scene.stretches() => {
             let (u, _, report) = scheme::equilibrium(engine, stiffness, load, &system.bounds)?;
             simulation::check_residual(0, 0.0, report.kkt, scene.solver.tolerance)?;
             Some(u)
@@ -250,7 +252,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         initial_energy: (!no_start).then(|| initial_energy(&model)).transpose()?,
         deflections,
         largest_stress,
-        reactions: if no_start { Vec::new() } else { static_reactions(scene)? },
+        reactions: if no_start || scene.stretches() { Vec::new() } else { static_reactions(scene)? },
         consistent,
         singular,
         inf_sup,
@@ -325,7 +327,14 @@ fn initial_energy(model: &Model) -> Result<f64> {
     engine.project(&system.mass, &model.start.velocity, &mut v)?;
     let elastic = engine.multiply(&system.stiffness, u, &mut vec![0.0; u.len()])?;
     let work = system.load.as_ref().map_or(Ok(0.0), |load| engine.dot(load, u))?;
-    Ok(0.5 * (elastic + engine.mass_norm_squared(&system.mass, &v)?) - work)
+    let stretching = system.drive.stretching.as_ref().map_or(Ok(0.0), |form| -> Result<f64> {
+        let mut q = v.clone();
+        engine.project(&system.mass, u, &mut q)?;
+        let mut stretch = Stretch::default();
+        form.evaluate(&q, &mut stretch);
+        Ok(stretch.energy())
+    })?;
+    Ok(stretching + 0.5 * (elastic + engine.mass_norm_squared(&system.mass, &v)?) - work)
 }
 
 /// Cost of a run, as its first steps show it.
@@ -426,11 +435,6 @@ fn told(made: &Made) -> String {
         Some(from) => format!("{} moved from {}", place(made.at), place(from)),
         None => place(made.at),
     }
-}
-
-/// Formats numbers as `5.9655  37.71  38.444`.
-fn list(values: &[f64]) -> String {
-    values.iter().map(|value| significant(*value)).collect::<Vec<_>>().join("  ")
 }
 
 /// Formats a load as `12 N (0.6 N m, -2.4 N m about the axes x, y)`.

@@ -1,8 +1,11 @@
 //! Figures of the modal mass: how fast the kept modes move in contact, and what the rest bears.
 
+use super::frequencies::list;
 use crate::error::Result;
+use crate::linalg::eigen::symmetric_eigen;
 use crate::linalg::vectors::axpy;
 use crate::linalg::{Engine, Form};
+use crate::membrane::Stretch;
 use crate::output::text::{Report, engineering, short, significant};
 use crate::scene::Scene;
 use crate::scheme::{ContactCompliance, ModalScheme, Scheme, Solution, StepRecord};
@@ -22,6 +25,9 @@ const MOST_STEPS: f64 = 50_000.0;
 /// Largest number of nodes whose compliance is computed.
 const MOST_NODES: usize = 500;
 
+/// Number of frequencies that a report lists.
+const LISTED: usize = 6;
+
 /// Figures of the modal mass.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModalFigures {
@@ -34,6 +40,10 @@ pub struct ModalFigures {
     pub touching: usize,
     /// Figures of the contact; `None` where nothing touches.
     pub contact: Option<ContactFigures>,
+    /// Frequencies of small vibrations about the equilibrium at the start of a plate that
+    /// stretches, in Hz; `None` without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub about_start: Option<Vec<f64>>,
     /// Share of the massless rest in the elastic energy of the start; `None` without any.
     pub rest_of_start: Option<f64>,
     /// Share of the massless rest in the elastic energy under `[load]`; `None` without load and for
@@ -94,9 +104,30 @@ pub(super) fn figures(
         highest: modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU),
         touching: touching.len(),
         contact,
+        about_start: about_start(scene, model)?,
         rest_of_start,
         rest_under_load: loaded.map_or(Ok(None), |u| rest_share(model, u))?,
     }))
+}
+
+/// Returns the frequencies of small vibrations about the equilibrium of a plate that stretches, in
+/// Hz; `None` without an equilibrium at the start.
+fn about_start(scene: &Scene, model: &Model) -> Result<Option<Vec<f64>>> {
+    let system = &model.system;
+    let (Some(form), Form::Modal { modes, .. }) = (&system.drive.stretching, &system.mass) else {
+        return Ok(None);
+    };
+    if !scene.initial.is_static() {
+        return Ok(None);
+    }
+    let mut q = vec![0.0; modes.count()];
+    system.engine.project(&system.mass, &model.start.displacement, &mut q)?;
+    let mut stretch = Stretch::default();
+    form.evaluate(&q, &mut stretch);
+    let mut tangent = form.hessian(&stretch);
+    modes.squares.iter().enumerate().for_each(|(k, square)| tangent[(k, k)] += square);
+    let (values, _) = symmetric_eigen(tangent.as_ref())?;
+    Ok(Some(values.into_iter().map(|value| value.max(0.0).sqrt() / TAU).collect()))
 }
 
 /// Returns the bounded dofs that come into contact during the first period.
@@ -145,6 +176,10 @@ impl ModalFigures {
     /// Adds rows to a report.
     pub(super) fn report(&self, report: &mut Report) {
         report.text("modes", format!("{}, up to {}", self.modes, engineering(self.highest, "Hz")));
+        if let Some(frequencies) = &self.about_start {
+            let lowest = &frequencies[..frequencies.len().min(LISTED)];
+            report.text("  about the start", format!("{} Hz", list(lowest)));
+        }
         if let Some(ContactFigures { fastest, compliance: [least, most], condition }) = &self.contact {
             report.text(
                 "  in contact",

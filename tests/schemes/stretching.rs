@@ -1,7 +1,7 @@
 //! Plates whose mid-plane stretches, in modes: equilibria and frequencies of another program, the
 //! energy through impacts, and restarts.
 
-use crate::common::scenes::{Drawing, all_round, close, grid, refusal, run};
+use crate::common::scenes::{Drawing, Instant, all_round, close, grid, inspect, refusal, run};
 use serde_json::Value;
 use std::f64::consts::PI;
 
@@ -145,6 +145,85 @@ fn motions_converge_with_order_two() {
     let [a, b, c] = [4e-5, 2e-5, 1e-5].map(centre);
     let order = ((a - b) / (b - c)).abs().log2();
     assert!((1.7..=2.5).contains(&order), "{order}: {a}, {b}, {c}");
+}
+
+/// A simply supported square with held edges, heated to a multiple of its buckling temperature,
+/// with a single mode.
+fn heated(multiple: f64, cells: usize, more: &str) -> String {
+    let supports = all_round("simply_supported");
+    let temperature = multiple * 2.0 * (PI * THICKNESS).powi(2) / (12.0 * 1.3 * 1e-5);
+    format!(
+        "{}{supports}{}in_plane = {{ stretching = true, temperature = {temperature:?} }}\n{more}\n\
+         initial.equilibrium = true\n\
+         time = {{ scheme = 'conserving', mass = 'modal', modes = 1, step = 1e-3, end = 1e-3 }}\n\
+         output = {{ probes = [{{ name = \"centre\", at = [0.5, 0.5] }}] }}\n",
+        SQUARE.replace(" }", ", expansion = 1e-5 }"),
+        grid("fvs", cells, cells)
+    )
+}
+
+/// The energy of one mode, `$\tfrac12 \omega^2 (1 - \lambda) A^2 + \tfrac14 \alpha \omega^2 A^4$`, is
+/// least at `$A^2 = (\lambda - 1) / \alpha$`, where small vibrations have the frequency
+/// `$\omega \sqrt{2 (\lambda - 1)}$`.
+#[test]
+fn a_buckled_mode_rests_at_its_least_energy() {
+    let amplitude = (0.5_f64 / 1.322948).sqrt();
+    converges("amplitude", amplitude, 1e-3, |cells| run(&heated(1.5, cells, ""))[0].probes[0] / THICKNESS);
+    let frequency = |cells| inspect(&heated(1.5, cells, "")).modal.unwrap().about_start.unwrap()[0];
+    converges("frequency", PI, 2e-3, frequency);
+    let up = run(&heated(1.5, 8, ""))[0].probes[0];
+    let down = run(&heated(1.5, 8, "initial.deflection = '-1e-4*sin(pi*x)*sin(pi*y)'"))[0].probes[0];
+    close("mirrored", -down, up, 1e-9);
+    let pushed = run(&heated(1.5, 8, "load.pressure = -1e-3"))[0].probes[0];
+    assert!(pushed < -up, "{pushed}, {up}");
+    // Below the buckling temperature the plate is flat.
+    assert!(run(&heated(0.9, 8, ""))[0].probes[0].abs() <= 1e-12);
+    let energy = run(&heated(1.5, 8, ""))[0].energy;
+    assert!(energy.abs() <= 1e-12, "{energy:e}");
+}
+
+/// A heated panel, thrown so that it snaps between its two states, over a stop.
+fn snapping(step: f64, end: f64, more: &str) -> String {
+    format!(
+        "plate = {{ length = 0.3, width = 0.2, thickness = 1e-3, youngs_modulus = 70e9, poissons_ratio = 0.33, \
+         density = 2700, expansion = 23e-6 }}\n{}{}in_plane = {{ stretching = true, temperature = 5 }}\n\
+         initial = {{ equilibrium = true, velocity = \"-4000*x*y*(x - 0.3)*(y - 0.2)\" }}\n\
+         time = {{ scheme = \"conserving\", mass = \"modal\", modes = 12, step = {step:?}, end = {end:?} }}\n\
+         output = {{ probes = [{{ name = \"centre\", at = [0.15, 0.1] }}] }}\n{more}\n",
+        all_round("clamped"),
+        grid("fvs", 8, 6)
+    )
+}
+
+#[test]
+fn a_snapping_plate_keeps_the_energy_at_any_step() {
+    let stop = "obstacle = [{ side = \"below\", height = -1e-3 }]";
+    for step in [4e-5, 2e-5, 1e-5, 5e-6] {
+        let rows = run(&snapping(step, 0.1, stop));
+        let start = rows[0].energy;
+        let worst = rows.iter().map(|row| (row.energy / start - 1.0).abs()).fold(0.0, f64::max);
+        let count = |happens: &dyn Fn(&[_; 2]) -> bool| {
+            rows.windows(2).filter(|pair| happens(pair.first_chunk().unwrap())).count()
+        };
+        let snaps = count(&|[from, to]: &[Instant; 2]| from.probes[0] * to.probes[0] < 0.0);
+        let impacts = count(&|[from, to]: &[Instant; 2]| from.contact_force == 0.0 && to.contact_force > 0.0);
+        println!("{step}: {worst:e}, {snaps} snaps, {impacts} impacts");
+        assert!(worst <= 1e-12, "{step}: {worst:e}");
+        assert!(snaps >= 5 && impacts >= 10, "{step}: {snaps} snaps, {impacts} impacts");
+    }
+}
+
+/// The motion through two snaps is of second order in the step.
+#[test]
+fn snaps_converge_with_order_two() {
+    let centre = |step: f64| {
+        let rows = run(&snapping(step, 0.0096, ""));
+        rows[rows.len() - 1].probes[0]
+    };
+    let [a, b, c] = [2e-5, 1e-5, 5e-6].map(centre);
+    let order = ((a - b) / (b - c)).abs().log2();
+    println!("{order}: {a}, {b}, {c}");
+    assert!((1.5..=2.6).contains(&order), "{order}: {a}, {b}, {c}");
 }
 
 #[test]

@@ -1,4 +1,9 @@
 //! Relaxed steps, in contact or of a plate that stretches.
+//!
+//! The energy of a convex potential has one gamma near 1. The potential of a buckled plate is not
+//! convex between its states, where the energy may hardly change with gamma. There the rates of
+//! the modes are scaled instead, so that the kinetic energy makes up for the error of the step,
+//! which is of third order in its length.
 
 use super::contact_model::ContactModel;
 use super::data::ModalData;
@@ -11,7 +16,7 @@ use super::{Balance, ModalScheme};
 use crate::error::Result;
 use crate::kernels::lanes::sum;
 use crate::linalg::Engine;
-use crate::linalg::vectors::{waxpby, waxpy};
+use crate::linalg::vectors::{scale, waxpby, waxpy};
 use crate::scheme::relaxation::{RelaxedStep, root};
 use crate::vi::{BoundStatus, ComplianceSolver};
 use std::ops::Range;
@@ -25,6 +30,10 @@ const MOVED: f64 = 1e-13;
 /// search fails. The shorter a step, the less can it make up for what earlier steps have left.
 const LEFT: f64 = 4.0 * MOVED;
 const KEPT: f64 = 4.0 * f64::EPSILON;
+/// Distance of gamma from 1 beyond which the rates of a plate that stretches are scaled, and the
+/// largest relative change of their kinetic energy.
+const FAR: f64 = 0.05;
+const SCALED: f64 = 0.05;
 
 /// States along a step, whose deflections without reactions and bounds are linear in gamma.
 struct ContactStep<'a> {
@@ -151,6 +160,17 @@ impl<E: Engine> ModalScheme<'_, E> {
             true => Some(1.0),
             false => root(&mut step, RANGE)?,
         };
+        let is_near = gamma.is_some_and(|gamma| (gamma - 1.0).abs() <= FAR);
+        if self.stretching.is_there() && !is_near {
+            let rates = self.before.v.iter().zip(&increments.v).map(|(v, dv)| v + dv);
+            let share = moved / rates.map(|rate| 0.5 * rate * rate).sum::<f64>();
+            if share.abs() <= SCALED {
+                step.move_to(1.0)?;
+                self.take(1.0, next);
+                scale((1.0 - share).sqrt(), &mut self.now.v);
+                return Ok(Some((1.0, obstacles)));
+            }
+        }
         let gamma = match gamma {
             None if is_last || (moved - start).abs() <= LEFT * size => {
                 step.move_to(1.0)?;
@@ -159,6 +179,12 @@ impl<E: Engine> ModalScheme<'_, E> {
             gamma => gamma,
         };
         let Some(gamma) = gamma else { return Ok(None) };
+        self.take(gamma, next);
+        Ok(Some((gamma, obstacles)))
+    }
+
+    /// Sets the present modes and data to those at gamma.
+    fn take(&mut self, gamma: f64, next: Option<&Rc<ModalData>>) {
         waxpy(gamma, &self.increments.q, &self.before.q, &mut self.now.q);
         waxpy(gamma, &self.increments.v, &self.before.v, &mut self.now.v);
         if gamma != 1.0 {
@@ -167,7 +193,6 @@ impl<E: Engine> ModalScheme<'_, E> {
         if let Some(next) = next {
             self.now.data = ModalData::between(&self.before.data, next, gamma).into();
         }
-        Ok(Some((gamma, obstacles)))
     }
 
     /// Returns the coefficients of 1, gamma, ..., gamma^4 of the energy beyond its target, without

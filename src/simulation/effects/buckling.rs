@@ -14,17 +14,19 @@ fn forms<E: OfCells, P: Partition>(ground: &BuildContext<P>, engine: &E) -> [For
     ground.without_prestress().map(|blocks| engine.native().form(blocks))
 }
 
-/// Returns an error where the forces in the plane exceed the buckling load. Collective.
+/// Returns whether the forces in the plane exceed the buckling load of a plate that stretches.
+/// Collective.
 ///
 /// # Errors
-/// Returns [`Error::Scene`] with the buckling load, and the errors of the engine.
-pub(super) fn require_stable<E: OfCells, P: Partition>(
+/// Returns [`Error::Scene`] with the buckling load where they exceed the one of a plate that only
+/// bends, and the errors of the engine.
+pub(super) fn is_buckled<E: OfCells, P: Partition>(
     ground: &BuildContext<P>,
     engine: &E,
     mechanism: Option<&str>,
-) -> Result<()> {
+) -> Result<bool> {
     if !presses(ground)? {
-        return Ok(());
+        return Ok(false);
     }
     let key = ground.scene.prestress().map_or("", InPlane::key);
     if let Some(motion) = mechanism {
@@ -33,12 +35,14 @@ pub(super) fn require_stable<E: OfCells, P: Partition>(
         )));
     }
     let [stiffness, geometric] = forms(ground, engine);
-    if buckling::bears(engine, [&stiffness, &geometric])? {
-        return Ok(());
+    let bears = buckling::bears(engine, [&stiffness, &geometric])?;
+    if bears || ground.scene.stretches() {
+        return Ok(!bears);
     }
     let factor = buckling::lowest(engine, [&stiffness, &geometric])?.map_or(0.0, |load| load.factor);
     Err(Error::Scene(format!(
-        "{key}: the plate buckles at {factor:.4} times these forces; expected less pressure"
+        "{key}: the plate buckles at {factor:.4} times these forces; expected less pressure, or \
+         in_plane.stretching = true"
     )))
 }
 

@@ -126,8 +126,9 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     }
 
     // M and K.
-    let stiffness = engine.native().form(ground.stiffness());
-    buckling::require_stable(ground, &engine, mechanism)?;
+    let is_buckled = buckling::is_buckled(ground, &engine, mechanism)?;
+    let [unpressed, geometric] = if is_buckled { ground.without_prestress() } else { Default::default() };
+    let stiffness = engine.native().form(if is_buckled { unpressed } else { ground.stiffness() });
     let (mass, doubt) = inertia::mass(&engine, ground, &stiffness, mechanism.is_some())?;
     warnings.extend(doubt);
     let mut system = System {
@@ -140,7 +141,8 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         bound_numbers: None,
         drive: TimeDependence::default(),
     };
-    system.drive.stretching = stretching::form(ground, &system)?.map(Rc::new);
+    let geometric = is_buckled.then(|| system.engine.native().form(geometric));
+    system.drive.stretching = stretching::form(ground, &system, geometric.as_ref())?.map(Rc::new);
 
     // C and the damping of modes.
     let dashpots = ground.terms.dashpots(system.damping.stiffness, ground.comm());

@@ -109,9 +109,9 @@ pub(super) fn start<E: OfCells, P: Partition>(
         let [u, v] = places.start(engine, &from.motion)?;
         velocity = v;
         u
-    } else if initial.equilibrium || !initial.static_pressure.is_zero() {
+    } else if initial.is_static() {
         let mut rest = ground.at_rest(system, mechanism)?;
-        stretching::settle(initial.key(), system, &mut rest)?;
+        stretching::settle(initial.key(), ground, system, &mut rest)?;
         rest
     } else {
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
