@@ -64,6 +64,8 @@ pub fn start(text: &str) -> Vec<f64> {
 pub struct Instant {
     pub time: f64,
     pub energy: f64,
+    pub kinetic: f64,
+    pub elastic: f64,
     pub contact_force: f64,
     pub probes: Vec<f64>,
 }
@@ -73,8 +75,8 @@ struct Rows(Vec<Instant>);
 
 impl Observer for Rows {
     fn row(&mut self, row: &Row) -> Result<()> {
-        let Row { time, energy, contact_force, probes, .. } = *row;
-        self.0.push(Instant { time, energy, contact_force, probes: probes.to_vec() });
+        let Row { time, energy, kinetic, elastic, contact_force, probes, .. } = *row;
+        self.0.push(Instant { time, energy, kinetic, elastic, contact_force, probes: probes.to_vec() });
         Ok(())
     }
 }

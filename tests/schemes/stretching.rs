@@ -226,11 +226,58 @@ fn snaps_converge_with_order_two() {
     assert!((1.5..=2.6).contains(&order), "{order}: {a}, {b}, {c}");
 }
 
+/// A heated panel pressed between two stops stays at rest, but for the error of the scheme.
+#[test]
+fn equilibria_on_stops_are_equilibria() {
+    let stops = "obstacle = [{ side = \"below\", height = -2e-4 }, { side = \"above\", height = 1e-3 }]";
+    let mut pressed = 0;
+    for temperature in ["1", "5", "10"] {
+        for pressure in ["0", "-100", "-3000", "-20000", "3000"] {
+            let text = snapping(1e-5, 2e-3, &format!("{stops}\nload.pressure = {pressure}"))
+                .replace("temperature = 5", &format!("temperature = {temperature}"))
+                .replace(", velocity = \"-4000*x*y*(x - 0.3)*(y - 0.2)\"", "");
+            let rows = run(&text);
+            let kinetic = rows.iter().map(|row| row.kinetic).fold(0.0, f64::max);
+            pressed += usize::from(rows[0].contact_force != 0.0);
+            assert!(kinetic <= 1e-9 * rows[0].elastic, "{temperature} K, {pressure} Pa: {kinetic:e}");
+        }
+    }
+    assert!(pressed >= 8, "{pressed}");
+}
+
+/// Where the plate hardly stretches, its equilibria on stops are those of a plate that only bends.
+#[test]
+fn small_equilibria_on_stops_are_linear() {
+    let stops = "obstacle = [{ side = \"below\", height = -1e-6, where = \"x > 0.1\" }]";
+    let text = snapping(1e-5, 1e-5, &format!("{stops}\nload.pressure = -20"))
+        .replace(", velocity = \"-4000*x*y*(x - 0.3)*(y - 0.2)\"", "")
+        .replace("temperature = 5", "temperature = -1");
+    let [stretched, bent] =
+        [&text, &text.replace("stretching = true", "stretching = false")].map(|text| run(text));
+    close("force", stretched[0].contact_force, bent[0].contact_force, 1e-4);
+    close("energy", stretched[0].elastic, bent[0].elastic, 1e-4);
+    assert!(stretched[0].contact_force > 0.0);
+}
+
 #[test]
 fn what_does_not_stretch_is_refused() {
     let time = "time = { scheme = 'newmark', mass = 'modal', modes = 4, step = 1e-3, end = 1e-3 }";
     let error = refusal(&scene("clamped", "held", 4, time)).to_string();
     assert!(error.contains("time.scheme: contradicts in_plane.stretching"), "{error}");
+    let loose = scene(
+        "clamped",
+        "held",
+        4,
+        "initial.equilibrium = true\nload.gravity = 9.81\nobstacle = [{ side = \"below\", height = -1e-3 }]\n\
+         time = { scheme = 'conserving', mass = 'modal', modes = 4, step = 1e-3, end = 1e-3 }",
+    );
+    let start = loose.find("support").unwrap();
+    let end = start + loose[start..].find('\n').unwrap();
+    let error = refusal(&loose.replace(&loose[start..end], "")).to_string();
+    assert!(
+        error.contains("in_plane.stretching finds its equilibrium only where supports hold it"),
+        "{error}"
+    );
     let many = "time = { scheme = 'conserving', mass = 'modal', modes = 61, step = 1e-3, end = 1e-3 }";
     let error = refusal(&scene("clamped", "held", 12, many)).to_string();
     assert!(error.contains("time.modes: 61 modes"), "{error}");

@@ -24,6 +24,7 @@ mod rigid;
 mod sliders;
 mod start;
 mod statics;
+mod stretched_equilibrium;
 mod stretching;
 mod units;
 

@@ -6,7 +6,7 @@ use super::ground::BuildContext;
 use super::heights;
 use super::motion::Lift;
 use super::of_cells::OfCells;
-use super::stretching;
+use super::stretched_equilibrium;
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::{Error, Result};
@@ -52,6 +52,17 @@ impl<P: Partition> BuildContext<'_, P> {
             if gaps.contains(dof) {
                 (bounds.lower[i], bounds.upper[i]) = (f64::NEG_INFINITY, f64::INFINITY);
             }
+        }
+        if system.drive.stretching.is_some() {
+            if let Some(motion) = mechanism {
+                return Err(Error::Scene(format!(
+                    "{key}: the supports leave the plate a mechanism: {motion}; in_plane.stretching finds its equilibrium \
+                     only where supports hold it"
+                )));
+            }
+            let mut u = self.equilibrium(system, &load, &Bounds::default())?;
+            stretched_equilibrium::settle(self, system, &bounds, &mut u)?;
+            return Ok(u);
         }
         if mechanism.is_none() {
             return self.equilibrium(system, &load, &bounds);
@@ -110,9 +121,7 @@ pub(super) fn start<E: OfCells, P: Partition>(
         velocity = v;
         u
     } else if initial.is_static() {
-        let mut rest = ground.at_rest(system, mechanism)?;
-        stretching::settle(initial.key(), ground, system, &mut rest)?;
-        rest
+        ground.at_rest(system, mechanism)?
     } else {
         let shape = ground.shape_of(&initial.deflection).and_then(|shape| on_supports(ground, shape));
         ground.owned(&space.interpolate(&comm.all_ok(shape)?), engine.dofs())

@@ -30,6 +30,10 @@ impl<P: Partition> BuildContext<'_, P> {
         if self.terms.bodies.is_empty() {
             return Cow::Borrowed(&system.stiffness);
         }
+        if system.drive.stretching.as_ref().is_some_and(|form| form.is_buckled()) {
+            let [unpressed, _] = self.without_prestress();
+            return Cow::Owned(system.engine.native().form(unpressed));
+        }
         let mut blocks = self.stiffness();
         for body in &self.terms.bodies {
             blocks.push(Probe::default().with(body.gap, 1.0).spring(1.0, blocks.len()));
