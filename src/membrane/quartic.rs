@@ -189,6 +189,12 @@ impl Stretch {
         0.5 * self.strain_square() + self.geometric
     }
 
+    /// Returns the sum of the magnitudes of the energies of strain and of the forces in the plane, in
+    /// J.
+    pub fn size(&self) -> f64 {
+        0.5 * self.strain_square() + self.geometric.abs()
+    }
+
     /// Adds a multiple of the gradient of V to `y`.
     pub fn add_gradient(&self, factor: f64, y: &mut [f64]) {
         if !self.pull.is_empty() {

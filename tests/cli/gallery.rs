@@ -148,6 +148,8 @@ fn every_scene_is_told_and_pinned() {
         "clearance",
         "cymbal",
         "disc",
+        "drum",
+        "oilcan",
         "panel",
         "plywood",
         "rattle",
@@ -528,6 +530,61 @@ fn a_cymbal_rings_as_a_free_disc() {
     let loudest = near.max_by(|a, b| a[1].total_cmp(&b[1])).unwrap()[0];
     // Frequencies are 5 Hz apart.
     assert!((loudest - 12.23 * unit).abs() < 5.0, "{loudest} Hz");
+}
+
+/// Mean frequency at which a column passes zero upwards, in Hz.
+fn pitch(run: &Run, column: &str) -> f64 {
+    let [times, values] = ["time", column].map(|name| run.column(name));
+    let passes = |i: &usize| values[*i] < 0.0 && values[i + 1] >= 0.0;
+    let passes: Vec<usize> = (0..values.len() - 1).filter(passes).collect();
+    let [first, last] = [passes[0], passes[passes.len() - 1]];
+    (passes.len() - 1) as f64 / (times[last] - times[first])
+}
+
+/// A stroke that deflects the head by ten of its thicknesses stretches it.
+#[test]
+fn a_drumhead_rings_as_a_membrane_and_higher_when_struck_hard() {
+    let modes = frequencies("drum", "4");
+    let lowest = 2.404826 / (2.0 * PI * 0.2) * (2000.0_f64 / (1390.0 * 0.25e-3)).sqrt();
+    for (mode, root) in [(0, 2.404826), (1, 3.831706), (2, 3.831706), (3, 5.135622)] {
+        assert_near(modes[mode], root / 2.404826 * lowest, 0.005);
+    }
+    let struck = |stretching: &str| {
+        let settings =
+            ["time.end=0.06", "obstacle.0.height=-0.1", "damping.mass=0", "output.fields_every=100000"];
+        pitch(&run("drum", &[&settings[..], &[stretching]].concat()), "centre")
+    };
+    let ratio = struck("in_plane.stretching=true") / struck("in_plane.stretching=false");
+    assert!((1.01..1.04).contains(&ratio), "{ratio}");
+}
+
+/// The panel buckles at 2.282 K, by the load of a clamped square under equal pressure along both
+/// axes; 10x10 cells are 1.8 per cent stiffer.
+#[test]
+fn a_heated_panel_snaps_under_a_strong_breeze_alone() {
+    let inspection = succeeds(&rebond(&folder("oilcan-inspect"), &["inspect", &scene("oilcan"), "--json"]));
+    let inspection: Value = serde_json::from_str(&inspection).unwrap();
+    let factor = inspection["buckling_factor"].as_f64().unwrap();
+    let exact = 5.3036261 * PI * PI * 1e-6 / (12.0 * 1.33 * 23e-6 * 0.0625);
+    assert!((1.0..1.03).contains(&(5.0 * factor / exact)), "{factor}");
+    let sides = |breeze: &str, start: &str| {
+        let settings = [&format!("parameters.breeze={breeze}")[..], start, "time.end=0.2"];
+        let run = run("oilcan", &settings);
+        let centre = run.column("centre");
+        let changes = centre.windows(2).filter(|pair| pair[0] * pair[1] < 0.0).count();
+        (centre[0], changes, run.summary["contact_steps"].as_u64().unwrap())
+    };
+    let flat = "initial.deflection=0";
+    let (above, changes, contact) = sides("400", flat);
+    assert!(above > 1.4e-3 && changes == 0 && contact == 0, "{above}, {changes}, {contact}");
+    let (_, changes, contact) = sides("1500", flat);
+    assert!(changes > 8 && contact > 100, "{changes}, {contact}");
+    // From below the stop carries the panel.
+    let (below, changes, contact) = sides("0", "initial.deflection=-1e5*(x*y*(x-0.25)*(y-0.25))^2");
+    assert!(
+        (-1e-3..-0.8e-3).contains(&below) && changes == 0 && contact > 100,
+        "{below}, {changes}, {contact}"
+    );
 }
 
 #[test]

@@ -209,7 +209,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let mut coefficients = [constant - target, linear - gain, energy(squares, dq, dv), 0.0, 0.0];
         let stretching = self.stretching.along(dq);
         coefficients.iter_mut().zip(stretching).for_each(|(sum, term)| *sum += term);
-        (coefficients, start.abs() + constant + stretching[0])
+        (coefficients, start.abs() + constant + self.stretching.size())
     }
 
     /// Computes the change of the bounds over the whole step. Returns the work of the mean

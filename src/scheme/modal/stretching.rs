@@ -45,6 +45,11 @@ impl Stretching {
         self.now.energy()
     }
 
+    /// Returns the size of the energies that add up to V before the step, in J.
+    pub fn size(&self) -> f64 {
+        self.before.size() + self.form.as_ref().map_or(0.0, |form| 2.0 * form.depth())
+    }
+
     /// Adds the force before the step, times a duration (s), to the rates of the modes.
     pub fn kick_before(&self, seconds: f64, v: &mut [f64]) {
         self.before.add_gradient(-seconds, v);
