@@ -78,6 +78,11 @@ impl Moments {
         }
     }
 
+    /// Returns the sum with other moments.
+    pub fn plus(self, other: Moments) -> Moments {
+        Moments { xx: self.xx + other.xx, yy: self.yy + other.yy, xy: self.xy + other.xy }
+    }
+
     /// Returns the moments times a factor.
     pub fn times(self, factor: f64) -> Moments {
         Moments { xx: factor * self.xx, yy: factor * self.yy, xy: factor * self.xy }

@@ -16,7 +16,7 @@ use crate::error::{Error, Result};
 use crate::linalg::vectors::largest;
 use crate::mesh::{Mesh, Point};
 use crate::plate::Section;
-use nalgebra::{Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Dead load on sides of cells.
 #[derive(Debug, Clone, PartialEq)]
@@ -74,36 +74,71 @@ impl InPlaneDisplacement {
             }
         }
         membrane.factor.solve(&mut force)?;
-        let (along, across) = force.split_at(shift);
-        Ok(InPlaneDisplacement([spaces.maps[0].shape(along), spaces.maps[1].shape(across)]))
+        Ok(InPlaneDisplacement::of(spaces, &force))
     }
 
-    /// Returns the membrane force xx, yy and xy at a point of a cell with a section and a free
-    /// strain, in N/m.
+    /// Returns the displacement of free dofs.
+    pub(super) fn of(spaces: &Spaces, dofs: &[f64]) -> InPlaneDisplacement {
+        let (along, across) = dofs.split_at(spaces.maps[0].dofs());
+        InPlaneDisplacement([spaces.maps[0].shape(along), spaces.maps[1].shape(across)])
+    }
+}
+
+/// Point of a plate at which membrane forces are evaluated.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MembranePoint {
+    /// Place of each local deflection and slope in the list for all nodes, three per node.
+    places: Vec<usize>,
+    /// Gradients of the local basis functions, in 1/m for deflections.
+    gradients: Vec<Vector2<f64>>,
+    /// Stiffness A for the strains xx, xy, yy, in N/m.
+    stiffness: Matrix3<f64>,
+}
+
+impl MembranePoint {
+    /// Creates a point of a cell with a section.
     ///
     /// # Errors
     /// Returns the errors of the cell.
-    pub fn force(
-        &self,
-        mesh: &Mesh,
-        cell: usize,
-        point: Point,
-        section: &Section,
-        free_strain: f64,
-    ) -> Result<[f64; 3]> {
+    pub fn new(mesh: &Mesh, cell: usize, point: Point, section: &Section) -> Result<MembranePoint> {
         let nodes = mesh.cells[cell].nodes();
-        let places = || nodes.iter().flat_map(|node| PER_NODE * node..PER_NODE * (node + 1));
-        let gradients: [Vector2<f64>; 2] = with_element!(&mesh.element(cell)?, element => {
-            let gradient = element.basis_at(point).gradient;
-            self.0.each_ref().map(|values| {
-                gradient.column_iter().zip(places()).map(|(g, place)| g * values[place]).sum()
-            })
+        let places = nodes.iter().flat_map(|node| PER_NODE * node..PER_NODE * (node + 1)).collect();
+        let gradients = with_element!(&mesh.element(cell)?, element => {
+            element.basis_at(point).gradient.column_iter().map(Into::into).collect()
         });
-        let [along, across] = gradients;
-        let strain = Vector3::new(along.x - free_strain, 0.5 * (along.y + across.x), across.y - free_strain);
-        let [xx, xy, yy] = (section.bending * strain * (12.0 / section.thickness.powi(2))).into();
+        Ok(MembranePoint {
+            places,
+            gradients,
+            stiffness: section.bending * (12.0 / section.thickness.powi(2)),
+        })
+    }
+
+    /// Returns the gradient of a function given by its values at all nodes, three per node.
+    fn gradient(&self, values: &[f64]) -> Vector2<f64> {
+        self.gradients.iter().zip(&self.places).map(|(g, &place)| g * values[place]).sum()
+    }
+
+    /// Returns the membrane force xx, yy and xy of a displacement and a free strain of expansion,
+    /// in N/m.
+    pub fn force(&self, displacement: &InPlaneDisplacement, free_strain: f64) -> [f64; 3] {
+        self.force_of(displacement, Vector3::new(-free_strain, 0.0, -free_strain))
+    }
+
+    /// Returns the membrane force xx, yy and xy of a plate with a deflection, given by its values
+    /// and slopes at all nodes, and the displacement in the plane that follows it, in N/m.
+    pub fn stretching_force(&self, displacement: &InPlaneDisplacement, shape: &[f64]) -> [f64; 3] {
+        let slope = self.gradient(shape);
+        let strain = Vector3::new(slope.x * slope.x, slope.x * slope.y, slope.y * slope.y);
+        self.force_of(displacement, 0.5 * strain)
+    }
+
+    /// Returns the membrane force of a displacement and further strains xx, xy, yy.
+    fn force_of(&self, displacement: &InPlaneDisplacement, more: Vector3<f64>) -> [f64; 3] {
+        let [along, across] = displacement.0.each_ref().map(|values| self.gradient(values));
+        let strain = Vector3::new(along.x, 0.5 * (along.y + across.x), across.y) + more;
+        let [xx, xy, yy] = (self.stiffness * strain).into();
         // The middle row works on both shear strains.
-        Ok([xx, yy, 0.5 * xy])
+        [xx, yy, 0.5 * xy]
     }
 }
 

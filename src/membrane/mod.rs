@@ -12,11 +12,13 @@
 //! V for a given w. Both components of u are functions of the same elements as w, which contain
 //! all quadratics: no membrane locks. Three points per piece integrate the energy.
 
+mod following;
 mod forces;
 mod quartic;
 mod spaces;
 
-pub use forces::{DeadLoad, InPlaneDisplacement};
+pub use following::FollowingMembrane;
+pub use forces::{DeadLoad, InPlaneDisplacement, MembranePoint};
 pub use quartic::{QuarticForm, Stretch};
 pub use spaces::{InPlaneHold, InPlaneSupport, Spaces, spaces};
 

@@ -189,8 +189,8 @@ impl Stretch {
         0.5 * self.strain_square() + self.geometric
     }
 
-    /// Returns the sum of the magnitudes of the energies of strain and of the forces in the plane, in
-    /// J.
+    /// Returns the sum of the magnitudes of the energies of strain and of the forces in the plane,
+    /// in J.
     pub fn size(&self) -> f64 {
         0.5 * self.strain_square() + self.geometric.abs()
     }

@@ -70,24 +70,18 @@ fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
     }
     let motion = scene.motions().next().map(|motion| motion.key.clone());
     let name = scene.supports.iter().position(|support| support.name.is_some());
-    let is_stress = |probe: &Probe| probe.quantity.is_of_curvature();
-    let probe = scene.output.probes.iter().position(is_stress);
-    let has_stresses = scene.output.fields.is_some_and(|fields| fields.stresses);
     let refused = [
         (scene.time.scheme.capabilities().name != "conserving").then(|| "time.scheme".to_owned()),
         (scene.time.mass != Mass::Modal).then(|| "time.mass".to_owned()),
         (scene.solver.engine == EngineName::Petsc).then(|| "solver.engine".to_owned()),
         motion,
         name.map(|index| format!("support.{index}.name")),
-        probe.map(|index| format!("output.probes.{index}.quantity")),
-        has_stresses.then(|| "output.stresses".to_owned()),
-        scene.output.extremes.then(|| "output.extremes".to_owned()),
     ];
     match refused.into_iter().flatten().next() {
         Some(key) => Err(doc.fault(
             &key,
             "contradicts in_plane.stretching; expected time.scheme = \"conserving\" with time.mass = \"modal\" in one \
-             process, supports at rest and without names, and no moments or stresses",
+             process, and supports at rest and without names",
         )),
         None => Ok(()),
     }

@@ -2,7 +2,7 @@
 
 use super::effects::BuildContext;
 use super::nodal_motion::NodalMotion;
-use super::stresses::{CurvaturesOfShape, PlateCurvatures};
+use super::stresses::{CurvaturesOfShape, MidplaneStresses, PlateCurvatures};
 use crate::archive::Archive;
 use crate::assembly::RecoverySite;
 use crate::communicator::Communicator;
@@ -46,8 +46,8 @@ pub(super) struct StressSites {
     curvatures: CurvaturesOfShape,
     /// Stresses at the upper surface per curvature (w_xx, w_xy, w_yy), in N/m, one entry per site.
     stress_per_curvature: Vec<Matrix3<f64>>,
-    /// Stresses of the mid-plane, in Pa, one entry per site; empty without forces in the plane.
-    middle: Vec<Moments>,
+    /// Stresses of the mid-plane at the sites.
+    middle: MidplaneStresses,
     places: Vec<Place>,
     /// Sites of the nodes of each cell.
     cells: Vec<Vec<usize>>,
@@ -106,9 +106,8 @@ impl StressSites {
             Ok(section.moment_per_curvature() * section.stress_per_moment())
         };
         let stresses: Result<Vec<Matrix3<f64>>> = sites.iter().zip(&cell_of).map(stress).collect();
-        let middle = sites.iter().zip(&cell_of).filter(|_| curvatures.membrane.is_any());
-        let middle = middle.map(|(site, &cell)| curvatures.middle(cell, mesh.nodes[site.node]));
-        let middle: Result<Vec<Moments>> = middle.collect();
+        let places = sites.iter().zip(&cell_of).map(|(site, &cell)| (cell, mesh.nodes[site.node]));
+        let middle = curvatures.middle_of(mesh, places);
         Ok(Some(StressSites {
             middle: ground.comm().all_ok(middle)?,
             motion: motion.clone(),
@@ -119,10 +118,10 @@ impl StressSites {
         }))
     }
 
-    /// Returns the stresses at the upper surface for displacements over the dofs of this rank's
-    /// cells at an instant (s), in Pa. Collective.
-    fn stresses(&self, u: &[f64], time: f64) -> Result<impl Iterator<Item = Moments>> {
-        let curvatures = (self.curvatures)(&self.motion.at(u, time)?)?;
+    /// Returns the stresses by bending at the upper surface for deflections and slopes at all nodes
+    /// of this rank's cells, in Pa. Collective.
+    fn bending(&self, shape: &[f64]) -> Result<impl Iterator<Item = Moments>> {
+        let curvatures = (self.curvatures)(shape)?;
         Ok(self.stress_per_curvature.iter().zip(curvatures).map(|(stress, curvature)| {
             let [xx, yy, xy] = (stress * Vector3::from(curvature)).into();
             Moments { xx, yy, xy }
@@ -161,10 +160,11 @@ impl StressWatch {
     /// Returns the errors of the support motions and of the engine.
     pub fn note<E: Engine>(&mut self, engine: &E, u: &[f64], time: f64) -> Result<()> {
         let displacement = engine.to_local(u)?;
-        let stresses = self.sites.stresses(&displacement, time)?;
-        for (site, (peak, stress)) in self.peaks.iter_mut().zip(stresses).enumerate() {
+        let shape = self.sites.motion.at(&displacement, time)?;
+        let (bending, middle) = (self.sites.bending(&shape)?, self.sites.middle.of_shape(&shape)?);
+        for (site, (peak, stress)) in self.peaks.iter_mut().zip(bending).enumerate() {
             let mut now = SitePeak { square: stress.von_mises_square(), time, trace: stress.xx + stress.yy };
-            if let Some(middle) = self.sites.middle.get(site) {
+            if let Some(middle) = middle.get(site) {
                 let (surface, value) = stress.larger(*middle);
                 (now.square, now.trace) = (value * value, surface.sign() * value);
             }

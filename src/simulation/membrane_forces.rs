@@ -5,17 +5,22 @@ use super::{meshing, regions};
 use crate::communicator::{Communicator, SelfComm};
 use crate::dof_map::{Place, Support};
 use crate::error::{Error, Result};
-use crate::membrane::{self, DeadLoad, InPlaneDisplacement, InPlaneHold, InPlaneSupport, Membrane, Spaces};
+use crate::membrane::{
+    self, DeadLoad, FollowingMembrane, InPlaneDisplacement, InPlaneHold, InPlaneSupport, Membrane,
+    MembranePoint, Spaces,
+};
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::Sections;
 use crate::scene::{InPlane, Scene};
 use std::borrow::Cow;
+use std::rc::Rc;
 
 /// Forces in the plane of the cells of this process's part of the mesh.
 pub(super) struct MembraneForces<'g> {
     in_plane: Option<&'g InPlane>,
     solved: Option<SolvedForces<'g>>,
+    following: Option<Rc<FollowingMembrane>>,
 }
 
 /// Forces by the equilibrium in the plane of the whole plate, which every process solves.
@@ -34,19 +39,60 @@ impl<'g> MembraneForces<'g> {
     /// Returns the errors of the supports, and [`Error::Scene`] for loads that nothing carries.
     pub fn new<P: Partition>(scene: &'g Scene, mesh: &'g Mesh, partition: &P) -> Result<MembraneForces<'g>> {
         let in_plane = scene.prestress();
-        let solved = in_plane.filter(|in_plane| in_plane.is_solved());
-        let solved = solved.map(|in_plane| SolvedForces::new::<P>(scene, in_plane, mesh));
-        Ok(MembraneForces { in_plane, solved: partition.comm().all_ok(solved.transpose())? })
+        let none = MembraneForces { in_plane, solved: None, following: None };
+        if !scene.stretches() && !in_plane.is_some_and(InPlane::is_solved) {
+            return Ok(none);
+        }
+        let built = MembraneForces::build::<P>(scene, in_plane, mesh);
+        let (solved, following) = partition.comm().all_ok(built)?;
+        Ok(MembraneForces { solved, following: scene.stretches().then_some(following), ..none })
     }
 
-    /// Returns whether there are any forces.
+    /// Builds the membrane of the whole plate, and solves for the forces in it if there are any.
+    fn build<P: Partition>(
+        scene: &'g Scene,
+        in_plane: Option<&'g InPlane>,
+        part: &'g Mesh,
+    ) -> Result<(Option<SolvedForces<'g>>, Rc<FollowingMembrane>)> {
+        let mesh = if P::DIVIDES { Cow::Owned(meshing::mesh(scene)?) } else { Cow::Borrowed(part) };
+        let sections = PlateAssembly::new(scene, &mesh, &SelfComm)?;
+        let spaces = spaces(scene, &mesh)?;
+        let membrane = Membrane::new(&mesh, &spaces, &sections)?;
+        let following = Rc::new(FollowingMembrane::new(membrane, spaces));
+        let Some(in_plane) = in_plane.filter(|in_plane| in_plane.is_solved()) else {
+            return Ok((None, following));
+        };
+        let cell_of = |cell| {
+            let centre = part.centroid(cell);
+            let missing = || Error::Mesh(format!("no cell of the whole mesh at {centre}"));
+            mesh.locate(centre).ok_or_else(missing)
+        };
+        let cells = P::DIVIDES.then(|| (0..part.cells.len()).map(cell_of).collect()).transpose()?;
+        let strain =
+            |cell, point| Ok(sections.section(cell, point)?.expansion * temperature(in_plane, point)?);
+        let loads = in_plane.tractions.iter().enumerate().map(|(number, traction)| {
+            let key = format!("in_plane.traction.{number}");
+            let sides = regions::named(&mesh.edges, "edge", &traction.edge, &SelfComm, &key)?.to_vec();
+            Ok(DeadLoad { key, sides, force: traction.force })
+        });
+        let loads: Vec<DeadLoad> = loads.collect::<Result<_>>()?;
+        let displacement = following.equilibrium(&mesh, &strain, &loads)?;
+        Ok((Some(SolvedForces { mesh, sections, displacement, cells }), following))
+    }
+
+    /// Returns whether there are any forces that do not depend on the deflection.
     pub fn is_any(&self) -> bool {
         self.in_plane.is_some()
     }
 
-    /// Returns whether the forces are given, and do not follow from an equilibrium.
+    /// Returns whether these forces are given, and do not follow from an equilibrium.
     pub fn are_given(&self) -> bool {
         self.solved.is_none()
+    }
+
+    /// Returns the membrane of a plate that stretches.
+    pub fn following(&self) -> Option<&Rc<FollowingMembrane>> {
+        self.following.as_ref()
     }
 
     /// Returns the components xx, yy and xy at a point of a cell of this process, in N/m.
@@ -63,33 +109,8 @@ impl<'g> MembraneForces<'g> {
         let cell = cells.as_ref().map_or(cell, |cells| cells[cell]);
         let section = sections.section(cell, point)?;
         let strain = section.expansion * temperature(in_plane, point)?;
-        let solved = displacement.force(mesh, cell, point, &section, strain)?;
+        let solved = MembranePoint::new(mesh, cell, point, &section)?.force(displacement, strain);
         Ok([0, 1, 2].map(|k| given[k] + solved[k]))
-    }
-}
-
-impl<'g> SolvedForces<'g> {
-    fn new<P: Partition>(scene: &'g Scene, in_plane: &InPlane, part: &'g Mesh) -> Result<SolvedForces<'g>> {
-        let mesh = if P::DIVIDES { Cow::Owned(meshing::mesh(scene)?) } else { Cow::Borrowed(part) };
-        let cell_of = |cell| {
-            let centre = part.centroid(cell);
-            let missing = || Error::Mesh(format!("no cell of the whole mesh at {centre}"));
-            mesh.locate(centre).ok_or_else(missing)
-        };
-        let cells = P::DIVIDES.then(|| (0..part.cells.len()).map(cell_of).collect()).transpose()?;
-        let sections = PlateAssembly::new(scene, &mesh, &SelfComm)?;
-        let spaces = spaces(scene, &mesh)?;
-        let mut membrane = Membrane::new(&mesh, &spaces, &sections)?;
-        let strain =
-            |cell, point| Ok(sections.section(cell, point)?.expansion * temperature(in_plane, point)?);
-        let loads = in_plane.tractions.iter().enumerate().map(|(number, traction)| {
-            let key = format!("in_plane.traction.{number}");
-            let sides = regions::named(&mesh.edges, "edge", &traction.edge, &SelfComm, &key)?.to_vec();
-            Ok(DeadLoad { key, sides, force: traction.force })
-        });
-        let loads: Vec<DeadLoad> = loads.collect::<Result<_>>()?;
-        let displacement = InPlaneDisplacement::new(&mesh, &spaces, &mut membrane, &strain, &loads)?;
-        Ok(SolvedForces { mesh, sections, displacement, cells })
     }
 }
 
@@ -103,7 +124,7 @@ fn temperature(in_plane: &InPlane, point: Point) -> Result<f64> {
 ///
 /// # Errors
 /// Returns the errors of the supports.
-pub(super) fn spaces(scene: &Scene, mesh: &Mesh) -> Result<Spaces> {
+fn spaces(scene: &Scene, mesh: &Mesh) -> Result<Spaces> {
     let supports = regions::supports(scene, mesh, &SelfComm)?;
     let held =
         scene.supports.iter().zip(supports).enumerate().filter_map(|(number, (support, (place, kind)))| {

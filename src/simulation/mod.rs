@@ -254,9 +254,9 @@ fn compose<E: OfCells, P: Partition>(
     let probes = ground.scene.output.probes.iter().map(|probe| ground.probe(probe, &shapes));
     let probes: Vec<_> = probes.collect::<Result<_>>()?;
     let curvatures = PlateCurvatures::if_asked(ground)?;
-    let readings = Readings::new(ground, &probes, &lifts, curvatures.as_ref())?;
-    let probes = probes.into_iter().map(|(probe, _)| probe).collect();
     let motion = Rc::new(NodalMotion::new(ground, &lifts));
+    let readings = Readings::new(ground, &probes, &lifts, &motion, curvatures.as_ref())?;
+    let probes = probes.into_iter().map(|(probe, _)| probe).collect();
     let fields = Fields::new(ground, &motion, curvatures.as_ref())?;
     let extremes = StressSites::if_asked(ground, &motion, curvatures.as_ref())?.map(Rc::new);
     let seconds = [clock.elapsed().as_secs_f64() - seconds, seconds];

@@ -1,7 +1,8 @@
 //! Quantities at the probes.
 
 use super::effects::{BuildContext, Lift};
-use super::stresses::PlateCurvatures;
+use super::nodal_motion::NodalMotion;
+use super::stresses::{MidplaneStresses, PlateCurvatures};
 use crate::archive::Archive;
 use crate::assembly::Probe;
 use crate::communicator::Communicator;
@@ -24,8 +25,10 @@ struct Reading {
     /// Deflection, slope, or the components xx, yy and xy of the moments or of the stresses at the
     /// upper surface.
     terms: Vec<FramedProbe>,
-    /// Stresses of the mid-plane, in Pa.
+    /// Stresses of the mid-plane by forces that are given, in Pa.
     middle: Moments,
+    /// Stresses of the mid-plane by stretching in all cells around; `None` without.
+    stretched: Option<MidplaneStresses>,
 }
 
 /// Quantities at the probes.
@@ -34,6 +37,7 @@ pub(super) struct Readings {
     readings: Vec<Reading>,
     /// Motions of the supports.
     motions: Vec<Rc<FieldInput>>,
+    motion: Rc<NodalMotion>,
 }
 
 /// Mean accelerations at the probes over the last step, from the velocities at its two ends.
@@ -55,6 +59,7 @@ impl Readings {
         ground: &BuildContext<P>,
         deflections: &[FramedProbe],
         lifts: &[Lift],
+        motion: &Rc<NodalMotion>,
         curvatures: Option<&PlateCurvatures>,
     ) -> Result<Readings> {
         let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
@@ -84,11 +89,18 @@ impl Readings {
             };
             let middle = curvatures
                 .map_or(Ok(Moments::default()), |curvatures| curvatures.middle_at(ground, probe.at))?;
-            Ok(Reading { quantity, terms, middle })
+            let is_stress = matches!(quantity, ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_));
+            let stretched = curvatures.filter(|_| is_stress && ground.scene.stretches());
+            let point = Point::from(probe.at);
+            let around: Vec<(usize, Point)> = ground.mesh.cells_at(point).map(|cell| (cell, point)).collect();
+            let stretched = stretched
+                .map(|curvatures| curvatures.stretching_of(ground.mesh, around.into_iter()))
+                .transpose()?;
+            Ok(Reading { quantity, terms, middle, stretched })
         };
         let readings = ground.scene.output.probes.iter().zip(deflections).map(reading);
         let motions = lifts.iter().map(|lift| lift.motion.clone()).collect();
-        Ok(Readings { readings: readings.collect::<Result<_>>()?, motions })
+        Ok(Readings { readings: readings.collect::<Result<_>>()?, motions, motion: motion.clone() })
     }
 
     /// Returns whether all probes record deflections, beside supports that do not move.
@@ -116,7 +128,11 @@ impl Readings {
         for (probe, reading) in readings().filter(|(_, reading)| is_place(reading.quantity)) {
             let (terms, rest) = sums.split_at(reading.terms.len());
             sums = rest;
-            values[probe] = reading.value(terms);
+            let stretched = match &reading.stretched {
+                Some(stretched) => mean(&stretched.of_shape(&self.motion.relative(scheme.displacement()))?),
+                None => Moments::default(),
+            };
+            values[probe] = reading.value(terms, stretched);
         }
         let velocities = self.velocities(system, scheme, ProbeQuantity::Velocity)?;
         let moving = readings().filter(|(_, reading)| reading.quantity == ProbeQuantity::Velocity);
@@ -168,6 +184,12 @@ impl Readings {
     }
 }
 
+/// Returns the mean of some stresses.
+fn mean(stresses: &[Moments]) -> Moments {
+    let sum = stresses.iter().fold(Moments::default(), |sum, stress| sum.plus(*stress));
+    sum.times(1.0 / stresses.len().max(1) as f64)
+}
+
 impl Accelerations {
     /// Returns the accelerations of the probes that record them, before the first step.
     pub fn new(scene: &scene::Scene) -> Accelerations {
@@ -210,8 +232,10 @@ impl Accelerations {
 }
 
 impl Reading {
-    /// Returns the quantity from the sums of its terms over all ranks.
-    fn value(&self, sums: &[f64]) -> f64 {
+    /// Returns the quantity from the sums of its terms over all ranks and the stresses of the
+    /// mid-plane by stretching.
+    fn value(&self, sums: &[f64], stretched: Moments) -> f64 {
+        let middle = self.middle.plus(stretched);
         let [xx, yy, xy] = [0, 1, 2].map(|k| sums.get(k).copied().unwrap_or(0.0));
         let moments = Moments { xx, yy, xy };
         let part = |moments: Moments, component: StressComponent| match component {
@@ -223,8 +247,8 @@ impl Reading {
         };
         match self.quantity {
             ProbeQuantity::Moment(component) => part(moments, component),
-            ProbeQuantity::Stress(component, surface) => part(moments.at(surface, self.middle), component),
-            ProbeQuantity::VonMises(surface) => moments.at(surface, self.middle).von_mises(),
+            ProbeQuantity::Stress(component, surface) => part(moments.at(surface, middle), component),
+            ProbeQuantity::VonMises(surface) => moments.at(surface, middle).von_mises(),
             _ => xx,
         }
     }

@@ -1,7 +1,7 @@
 //! Moments and stresses in snapshots.
 
 use super::effects::BuildContext;
-use super::stresses::{CurvaturesOfShape, PlateCurvatures};
+use super::stresses::{CurvaturesOfShape, MidplaneStresses, PlateCurvatures};
 use crate::assembly::{self, CellArrays};
 use crate::communicator::Communicator;
 use crate::error::Result;
@@ -32,8 +32,6 @@ pub struct SnapshotStresses {
 struct Sampled<W> {
     cell: usize,
     section: Section,
-    /// Stresses of the mid-plane, in Pa.
-    middle: Moments,
     weights: W,
 }
 
@@ -46,6 +44,8 @@ pub(super) struct StressFields {
     points: Vec<Sampled<Vec<f64>>>,
     /// Curvatures of the basis functions at the centre of each small cell.
     centres: Vec<Sampled<Vec<[f64; 3]>>>,
+    /// Stresses of the mid-plane at the points, then at the centres.
+    middle: MidplaneStresses,
 }
 
 impl StressFields {
@@ -58,13 +58,14 @@ impl StressFields {
         small: Located<Vec<usize>>,
     ) -> Result<StressFields> {
         let part = sampled(ground, curvatures, points, small);
-        let (points, centres) = ground.comm().all_ok(part)?;
+        let (points, centres, middle) = ground.comm().all_ok(part)?;
         let of_cell = |cell: usize| curvatures.recovery.of_cell(cell).to_vec();
         Ok(StressFields {
             curvatures: curvatures.of_shape(ground.partition),
             sites: (0..ground.mesh.cells.len()).map(of_cell).collect(),
             points,
             centres,
+            middle,
         })
     }
 
@@ -73,7 +74,9 @@ impl StressFields {
     pub fn sample(&self, cells: &[CellArrays], shape: &[f64]) -> Result<SnapshotStresses> {
         let mut sampled = SnapshotStresses::default();
         let curvatures = (self.curvatures)(shape)?;
-        for Sampled { cell, section, middle, weights } in &self.points {
+        let middle = self.middle.of_shape(shape)?;
+        let middle_of = |place: usize| middle.get(place).copied().unwrap_or_default();
+        for (place, Sampled { cell, section, weights }) in self.points.iter().enumerate() {
             let curvature =
                 sum(weights.iter().copied().zip(self.sites[*cell].iter().map(|&site| curvatures[site])));
             let moments = Moments::of_curvature(section, curvature);
@@ -81,15 +84,16 @@ impl StressFields {
             sampled.moment.push([xx, yy, xy]);
             sampled.principal.push(moments.principal());
             let bending = moments.times(section.stress_per_moment());
-            let Moments { xx, yy, xy } = bending.at(PlateSurface::Top, *middle);
+            let Moments { xx, yy, xy } = bending.at(PlateSurface::Top, middle_of(place));
             sampled.stress_top.push([xx, yy, xy]);
-            sampled.von_mises.push(bending.larger(*middle).1);
+            sampled.von_mises.push(bending.larger(middle_of(place)).1);
         }
-        for Sampled { cell, section, middle, weights } in &self.centres {
+        for (centre, Sampled { cell, section, weights }) in self.centres.iter().enumerate() {
             let curvature = sum(cells[*cell].values(shape).into_iter().zip(weights.iter().copied()));
             let moments = Moments::of_curvature(section, curvature);
             sampled.moment_raw.push([moments.xx, moments.yy, moments.xy]);
-            sampled.von_mises_raw.push(moments.times(section.stress_per_moment()).larger(*middle).1);
+            let bending = moments.times(section.stress_per_moment());
+            sampled.von_mises_raw.push(bending.larger(middle_of(self.points.len() + centre)).1);
         }
         Ok(sampled)
     }
@@ -98,8 +102,9 @@ impl StressFields {
 /// Points or small cells, and the cell of the mesh that contains each.
 pub(super) type Located<'l, T> = (&'l [T], &'l [usize]);
 
-/// Points and centres of small cells with their sections and weights.
-type SampledPlaces = (Vec<Sampled<Vec<f64>>>, Vec<Sampled<Vec<[f64; 3]>>>);
+/// Points and centres of small cells with their sections and weights, and the stresses of the
+/// mid-plane at both.
+type SampledPlaces = (Vec<Sampled<Vec<f64>>>, Vec<Sampled<Vec<[f64; 3]>>>, MidplaneStresses);
 
 fn sampled<P: Partition>(
     ground: &BuildContext<P>,
@@ -108,21 +113,25 @@ fn sampled<P: Partition>(
     (small, parents): Located<Vec<usize>>,
 ) -> Result<SampledPlaces> {
     let (mesh, body) = (ground.mesh, &curvatures.body);
+    let centre_of = |corners: &Vec<usize>| {
+        let sum = |axis: usize| corners.iter().map(|&corner| points[corner][axis]).sum::<f64>();
+        Point::new(sum(0), sum(1)) / corners.len() as f64
+    };
     let point = |(place, &cell): (&[f64; 2], &usize)| {
         let place = Point::from(*place);
         let weights = assembly::vertex_weights(&mesh.element(cell)?, place);
-        let (section, middle) = (body.section(cell, place)?, curvatures.middle(cell, place)?);
-        Ok(Sampled { cell, section, middle, weights })
+        Ok(Sampled { cell, section: body.section(cell, place)?, weights })
     };
     let centre = |(corners, &cell): (&Vec<usize>, &usize)| {
-        let sum = |axis: usize| corners.iter().map(|&corner| points[corner][axis]).sum::<f64>();
-        let place = Point::new(sum(0), sum(1)) / corners.len() as f64;
+        let place = centre_of(corners);
         let weights = mesh.element(cell)?.basis_at(place).iter().map(|basis| basis.hessian).collect();
-        let (section, middle) = (body.section(cell, place)?, curvatures.middle(cell, place)?);
-        Ok(Sampled { cell, section, middle, weights })
+        Ok(Sampled { cell, section: body.section(cell, place)?, weights })
     };
+    let at_points = cell_of.iter().zip(points).map(|(&cell, &place)| (cell, Point::from(place)));
+    let at_centres = parents.iter().zip(small).map(|(&cell, corners)| (cell, centre_of(corners)));
+    let middle = curvatures.middle_of(mesh, at_points.chain(at_centres))?;
     let sampled = points.iter().zip(cell_of).map(point).collect::<Result<_>>()?;
-    Ok((sampled, small.iter().zip(parents).map(centre).collect::<Result<_>>()?))
+    Ok((sampled, small.iter().zip(parents).map(centre).collect::<Result<_>>()?, middle))
 }
 
 /// Returns the sum of triples with factors.

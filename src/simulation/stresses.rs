@@ -8,12 +8,14 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::geometry;
 use crate::linalg::vectors::axpy;
-use crate::mesh::Point;
+use crate::membrane::{FollowingMembrane, MembranePoint};
+use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
 use crate::scene::Scene;
 use crate::stress::Moments;
 use nalgebra::Matrix3;
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
@@ -36,6 +38,35 @@ fn asks(scene: &Scene) -> bool {
     output.extremes
         || output.fields.is_some_and(|fields| fields.stresses)
         || output.probes.iter().any(|probe| probe.quantity.is_of_curvature())
+}
+
+/// Stresses of the mid-plane at some places: of forces that are given, and of stretching.
+pub(super) struct MidplaneStresses {
+    /// Stresses that do not depend on the deflection, in Pa; empty without any.
+    constant: Vec<Moments>,
+    /// Membrane of a plate that stretches, and its points.
+    stretched: Option<(Rc<FollowingMembrane>, Vec<MidplanePoint>)>,
+}
+
+/// Point of the membrane with the thickness there, in m.
+type MidplanePoint = (MembranePoint, f64);
+
+impl MidplaneStresses {
+    /// Returns the stresses for deflections and slopes at all nodes, three per node, in Pa; empty
+    /// where all are zero.
+    ///
+    /// # Errors
+    /// Returns the errors of the membrane.
+    pub fn of_shape(&self, shape: &[f64]) -> Result<Cow<'_, [Moments]>> {
+        let Some((membrane, points)) = &self.stretched else { return Ok((&self.constant).into()) };
+        let displacement = membrane.follow(shape)?;
+        let stress = |(number, (point, thickness)): (usize, &MidplanePoint)| {
+            let [xx, yy, xy] = point.stretching_force(&displacement, shape);
+            let constant = self.constant.get(number).copied().unwrap_or_default();
+            Moments { xx, yy, xy }.times(1.0 / thickness).plus(constant)
+        };
+        Ok(points.iter().enumerate().map(stress).collect::<Vec<_>>().into())
+    }
 }
 
 impl<'s> PlateCurvatures<'s> {
@@ -61,6 +92,43 @@ impl<'s> PlateCurvatures<'s> {
         }
         let [xx, yy, xy] = self.membrane.at(cell, point)?;
         Ok(Moments { xx, yy, xy }.times(1.0 / self.body.section(cell, point)?.thickness))
+    }
+
+    /// Returns the stresses of the mid-plane at places, each a cell and a point of it.
+    ///
+    /// # Errors
+    /// Returns the errors of the formulas and of the cells.
+    pub fn middle_of(
+        &self,
+        mesh: &Mesh,
+        places: impl Iterator<Item = (usize, Point)> + Clone,
+    ) -> Result<MidplaneStresses> {
+        let constant = match self.membrane.is_any() {
+            true => places.clone().map(|(cell, point)| self.middle(cell, point)).collect::<Result<_>>()?,
+            false => Vec::new(),
+        };
+        Ok(MidplaneStresses { constant, ..self.stretching_of(mesh, places)? })
+    }
+
+    /// Returns the stresses of the mid-plane by stretching alone at places.
+    ///
+    /// # Errors
+    /// Returns the errors of the cells.
+    pub fn stretching_of(
+        &self,
+        mesh: &Mesh,
+        places: impl Iterator<Item = (usize, Point)>,
+    ) -> Result<MidplaneStresses> {
+        let constant = Vec::new();
+        let Some(membrane) = self.membrane.following() else {
+            return Ok(MidplaneStresses { constant, stretched: None });
+        };
+        let point = |(cell, point)| {
+            let section = self.body.section(cell, point)?;
+            Ok((MembranePoint::new(mesh, cell, point, &section)?, section.thickness))
+        };
+        let points = places.map(point).collect::<Result<_>>()?;
+        Ok(MidplaneStresses { constant, stretched: Some((membrane.clone(), points)) })
     }
 
     /// Returns the stresses of the mid-plane at a point of the plate, in Pa: the mean over all

@@ -173,8 +173,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let mesh = simulation::mesh(scene)?;
     let mechanism = simulation::mechanism(scene, &mesh)?;
     let mut native = on_native_engine(scene);
-    // Bending alone has neither the stresses nor the reactions of a plate that stretches.
-    native.output.extremes = !scene.stretches();
+    native.output.extremes = true;
     let is_static = scene.initial.is_static();
     let mut model = Model::new(&native);
     let no_start = mechanism.is_some() && is_static && matches!(model, Err(Error::Singular(_)));

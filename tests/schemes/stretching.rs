@@ -1,7 +1,7 @@
 //! Plates whose mid-plane stretches, in modes: equilibria and frequencies of another program, the
 //! energy through impacts, and restarts.
 
-use crate::common::scenes::{Drawing, Instant, all_round, close, grid, inspect, refusal, run};
+use crate::common::scenes::{Drawing, Instant, all_round, close, grid, inspect, refusal, run, run_to_end};
 use serde_json::Value;
 use std::f64::consts::PI;
 
@@ -257,6 +257,41 @@ fn small_equilibria_on_stops_are_linear() {
     close("force", stretched[0].contact_force, bent[0].contact_force, 1e-4);
     close("energy", stretched[0].elastic, bent[0].elastic, 1e-4);
     assert!(stretched[0].contact_force > 0.0);
+}
+
+/// A strip with held ends in the shape a sin(pi x) has the membrane force `$E h \pi^2 a^2 / 4$`
+/// everywhere, and the curvature stress `$E h \pi^2 a \sin(\pi x) / 2$` at its faces.
+#[test]
+fn stresses_have_the_part_of_stretching() {
+    let [modulus, thickness, height, tension] = [70e9_f64, 2e-3, 4e-3, 3e3];
+    let probe =
+        |name: &str| format!("{{ name = \"{name}\", at = [0.3125, 0.1], quantity = \"stress_xx_{name}\" }}");
+    let text = |cells: usize| {
+        format!(
+            "plate = {{ length = 1, width = 0.2, thickness = {thickness:?}, youngs_modulus = {modulus:?}, poissons_ratio = 0, \
+             density = 2700 }}\n{}in_plane = {{ stretching = true, tension = {{ xx = {tension:?} }} }}\n\
+             support = [{{ edge = \"left\", kind = \"simply_supported\" }}, {{ edge = \"right\", kind = \"simply_supported\" }}]\n\
+             initial.deflection = \"{height:?}*sin(pi*x)\"\n\
+             time = {{ scheme = \"conserving\", mass = \"modal\", modes = 2, step = 1e-5, end = 1e-5 }}\n\
+             output = {{ extremes = true, probes = [{}, {}] }}\n",
+            grid("fvs", cells, 4),
+            probe("top"),
+            probe("bottom")
+        )
+    };
+    let middle = modulus * PI * PI * height.powi(2) / 4.0 + tension / thickness;
+    let face = modulus * thickness * PI * PI * height / 2.0;
+    for cells in [16, 32] {
+        let (rows, outcome) = run_to_end(&text(cells));
+        let [top, bottom] = [rows[0].probes[0], rows[0].probes[1]];
+        let fine = (16.0 / cells as f64).powi(2);
+        close("middle", 0.5 * (top + bottom), middle, 2e-2 * fine);
+        close("face", 0.5 * (top - bottom), face * (0.3125 * PI).sin(), 2e-2 * fine);
+        // The upper face is in tension by both parts.
+        let peak = outcome.extremes.unwrap().von_mises;
+        close("largest", peak.value, middle + face, 2e-2);
+        assert!((peak.at[0] - 0.5).abs() < 1e-6, "{peak:?}");
+    }
 }
 
 #[test]

@@ -5,11 +5,10 @@ use super::of_cells::OfCells;
 use super::stretched_equilibrium::least_energy;
 use crate::error::Result;
 use crate::linalg::Form;
-use crate::membrane::{Membrane, QuarticForm};
+use crate::membrane::QuarticForm;
 use crate::partition::Partition;
 use crate::scheme::System;
-use crate::simulation::plate_assembly::PlateAssembly;
-use crate::simulation::{membrane_forces, phase};
+use crate::simulation::phase;
 use faer::Mat;
 
 /// Returns the energy of stretching in the modes of the mass, with the geometric stiffness of
@@ -22,14 +21,14 @@ pub(super) fn form<E: OfCells, P: Partition>(
     system: &System<E>,
     geometric: Option<&Form>,
 ) -> Result<Option<QuarticForm>> {
-    let BuildContext { scene, mesh, space, .. } = *ground;
-    let (true, Form::Modal { modes, .. }) = (scene.stretches(), &system.mass) else { return Ok(None) };
+    let space = ground.space;
+    let (Some(membrane), Form::Modal { modes, .. }) = (ground.membrane.following(), &system.mass) else {
+        return Ok(None);
+    };
     phase("stretching");
-    let spaces = membrane_forces::spaces(scene, mesh)?;
-    let mut membrane = Membrane::new(mesh, &spaces, &PlateAssembly::new(scene, mesh, ground.comm())?)?;
     let shape = |k: usize| space.shape(modes.shapes.col_as_slice(k));
     let shapes: Vec<Vec<f64>> = (0..modes.count()).map(shape).collect();
-    let mut form = QuarticForm::new(&mut membrane, &shapes, &modes.squares)?;
+    let mut form = membrane.form(&shapes, &modes.squares)?;
     if let Some(geometric) = geometric {
         let mut products = Mat::zeros(modes.shapes.nrows(), modes.count());
         for k in 0..modes.count() {
