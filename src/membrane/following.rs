@@ -2,8 +2,10 @@
 
 use super::forces::{DeadLoad, InPlaneDisplacement};
 use super::{Membrane, QuarticForm, Spaces, StrainPoint};
+use crate::element::adaptive::Rules;
 use crate::error::Result;
 use crate::mesh::{Mesh, Point};
+use crate::plate::Sections;
 use nalgebra::Vector3;
 use std::cell::RefCell;
 
@@ -32,7 +34,7 @@ impl FollowingMembrane {
                 let [x, y] = point.gradient(cell.places.iter().map(|&place| shape[place]));
                 point.root * Vector3::new(0.5 * x * x, 0.5 * x * y, 0.5 * y * y)
             };
-            cell.add_force(&cell.points.iter().map(strain).collect::<Vec<_>>(), &mut force);
+            cell.add_force(&cell.points, &cell.points.iter().map(strain).collect::<Vec<_>>(), &mut force);
         }
         membrane.factor.solve(&mut force)?;
         Ok(InPlaneDisplacement::of(&self.spaces, &force))
@@ -53,10 +55,11 @@ impl FollowingMembrane {
     pub fn equilibrium(
         &self,
         mesh: &Mesh,
-        free_strain: &dyn Fn(usize, Point) -> Result<f64>,
+        sections: &impl Sections,
+        expansion: (&dyn Fn(usize, Point) -> Result<f64>, &Rules),
         loads: &[DeadLoad],
     ) -> Result<InPlaneDisplacement> {
         let mut membrane = self.membrane.borrow_mut();
-        InPlaneDisplacement::new(mesh, &self.spaces, &mut membrane, free_strain, loads)
+        InPlaneDisplacement::new(mesh, &self.spaces, &mut membrane, sections, expansion, loads)
     }
 }

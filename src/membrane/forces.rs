@@ -9,13 +9,15 @@
 //! for all v, with the strain of free expansion `$\epsilon_0 = \alpha T\, I$` and dead loads t on
 //! edges. Its membrane force is `$N = A : (\mathrm{sym}\, \nabla u - \epsilon_0)$`.
 
-use super::{Membrane, Spaces};
+use super::{Membrane, Spaces, points};
 use crate::dof_map::PER_NODE;
-use crate::element::{Element, quadrature, with_element};
+use crate::element::adaptive::Rules;
+use crate::element::quadrature::{self, Node, Rule};
+use crate::element::{Element, with_element};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::largest;
 use crate::mesh::{Mesh, Point};
-use crate::plate::Section;
+use crate::plate::{Section, Sections};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Dead load on sides of cells.
@@ -39,8 +41,8 @@ const CARRIED: f64 = 1e-9;
 pub struct InPlaneDisplacement([Vec<f64>; 2]);
 
 impl InPlaneDisplacement {
-    /// Returns the displacement in equilibrium, for a free strain of expansion at a point of a cell
-    /// and dead loads.
+    /// Returns the displacement in equilibrium, for a free strain of expansion at a point of a
+    /// cell, with other quadrature rules in some cells, and dead loads.
     ///
     /// # Errors
     /// Returns [`Error::Scene`] for loads that nothing carries, and the errors of the free strain.
@@ -48,17 +50,22 @@ impl InPlaneDisplacement {
         mesh: &Mesh,
         spaces: &Spaces,
         membrane: &mut Membrane,
-        free_strain: &dyn Fn(usize, Point) -> Result<f64>,
+        sections: &impl Sections,
+        (free_strain, rules): (&dyn Fn(usize, Point) -> Result<f64>, &Rules),
         loads: &[DeadLoad],
     ) -> Result<InPlaneDisplacement> {
         let mut force = vec![0.0; membrane.dofs];
         for (number, cell) in membrane.cells.iter().enumerate() {
-            let points = with_element!(&mesh.element(number)?, element => strain_points(element));
-            let strains = points.into_iter().zip(&cell.points).map(|(place, point)| {
+            // Elsewhere the rule of the stiffness, by which a linear temperature causes no stress.
+            let rule = rules.get(&number).map_or((&quadrature::DEGREE_2).into(), |rule| Rule::Own(rule));
+            let (places, points) = with_element!(&mesh.element(number)?, element => {
+                (places(element, rule), points(element, number, rule, sections)?)
+            });
+            let strains = places.into_iter().zip(&points).map(|(place, point)| {
                 let strain = free_strain(number, place)?;
                 Ok(point.root * Vector3::new(-strain, 0.0, -strain))
             });
-            cell.add_force(&strains.collect::<Result<Vec<_>>>()?, &mut force);
+            cell.add_force(&points, &strains.collect::<Result<Vec<_>>>()?, &mut force);
         }
         require_carried(mesh, spaces, loads)?;
         let shift = spaces.maps[0].dofs();
@@ -142,13 +149,12 @@ impl MembranePoint {
     }
 }
 
-/// Returns the points of the strains of a cell, piece by piece.
-fn strain_points<const N: usize>(element: &Element<N>) -> Vec<Point> {
-    let pieces = 0..element.pieces.len();
-    let points = pieces.flat_map(|piece| {
-        quadrature::DEGREE_2.iter().map(move |&(barycentric, _)| element.point(piece, barycentric))
-    });
-    points.collect()
+/// Returns the places of the points of a rule in a cell.
+fn places<const N: usize>(element: &Element<N>, rule: Rule) -> Vec<Point> {
+    let place = |piece, nodes: &[Node]| -> Vec<Point> {
+        nodes.iter().map(|&(barycentric, _)| element.point(piece, barycentric)).collect()
+    };
+    (0..element.pieces.len()).flat_map(|piece| place(piece, rule.of(piece))).collect()
 }
 
 /// Returns the integrals over a side of the basis functions along it: node, place among its

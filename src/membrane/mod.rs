@@ -23,7 +23,8 @@ pub use quartic::{QuarticForm, Stretch};
 pub use spaces::{InPlaneHold, InPlaneSupport, Spaces, spaces};
 
 use crate::dof_map::{DofMap, PER_NODE};
-use crate::element::{Element, quadrature, with_element};
+use crate::element::quadrature::{self, Rule};
+use crate::element::{Element, with_element};
 use crate::error::{Error, Result};
 use crate::linalg::{CellClass, ElementMatrix, Engine, Factor, Native};
 use crate::mesh::Mesh;
@@ -82,9 +83,9 @@ impl MembraneCell {
         self.dofs.iter().map(|dof| dof.map_or(0.0, |(dof, factor)| factor * u[dof])).collect()
     }
 
-    /// Adds the force `$-\int \mathrm{sym}\nabla v : A : e$` of weighted strains R e at the points.
-    fn add_force(&self, strains: &[Vector3<f64>], force: &mut [f64]) {
-        for (point, weighted) in self.points.iter().zip(strains) {
+    /// Adds the force `$-\int \mathrm{sym}\nabla v : A : e$` of weighted strains R e at points.
+    fn add_force(&self, points: &[StrainPoint], strains: &[Vector3<f64>], force: &mut [f64]) {
+        for (point, weighted) in points.iter().zip(strains) {
             let stress = point.root.tr_mul(weighted);
             for (i, dof) in self.dofs.iter().enumerate() {
                 if let Some((dof, factor)) = dof {
@@ -140,19 +141,20 @@ fn cell(mesh: &Mesh, number: usize, spaces: &[DofMap; 2], sections: &impl Sectio
     let across = places.iter().map(|&place| spaces[1].dof(place));
     let across = across.map(|dof| dof.map(|(dof, factor)| (shift + dof, factor)));
     let dofs = along.chain(across).collect();
-    let points = with_element!(&mesh.element(number)?, element => points(element, number, sections))?;
+    let points = with_element!(&mesh.element(number)?, element => points(element, number, (&quadrature::DEGREE_2).into(), sections))?;
     Ok(MembraneCell { places, dofs, points })
 }
 
-/// Returns the points of a cell.
+/// Returns the points of a rule in a cell.
 fn points<const N: usize>(
     element: &Element<N>,
     cell: usize,
+    rule: Rule,
     sections: &impl Sections,
 ) -> Result<Vec<StrainPoint>> {
     let mut points = Vec::new();
     for (number, piece) in element.pieces.iter().enumerate() {
-        for &(barycentric, weight) in &quadrature::DEGREE_2 {
+        for &(barycentric, weight) in rule.of(number) {
             let section = sections.section(cell, element.point(number, barycentric))?;
             let stiffness = section.bending * (12.0 / section.thickness.powi(2) * weight * piece.area());
             let root = stiffness.cholesky().ok_or_else(|| {

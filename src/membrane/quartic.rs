@@ -68,7 +68,7 @@ impl QuarticForm {
             let gradients = cell.gradients(shapes);
             for (p, &pair) in pairs.iter().enumerate() {
                 let strains = cell.pair_strains(&gradients, pair);
-                cell.add_force(&strains, displacements.col_as_slice_mut(p));
+                cell.add_force(&cell.points, &strains, displacements.col_as_slice_mut(p));
             }
         }
         membrane.factor.solve_columns(&mut displacements)?;

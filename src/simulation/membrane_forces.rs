@@ -1,7 +1,7 @@
 //! Forces in the plane of a scene's plate that do not depend on the deflection.
 
 use super::plate_assembly::PlateAssembly;
-use super::{meshing, regions};
+use super::{meshing, refinement, regions};
 use crate::communicator::{Communicator, SelfComm};
 use crate::dof_map::{Place, Support};
 use crate::error::{Error, Result};
@@ -76,7 +76,9 @@ impl<'g> MembraneForces<'g> {
             Ok(DeadLoad { key, sides, force: traction.force })
         });
         let loads: Vec<DeadLoad> = loads.collect::<Result<_>>()?;
-        let displacement = following.equilibrium(&mesh, &strain, &loads)?;
+        let fields = Vec::from_iter(&in_plane.temperature);
+        let rules = refinement::rules_of("in_plane.temperature", &mesh, &fields, &SelfComm)?;
+        let displacement = following.equilibrium(&mesh, &sections, (&strain, &rules), &loads)?;
         Ok((Some(SolvedForces { mesh, sections, displacement, cells }), following))
     }
 
@@ -100,17 +102,31 @@ impl<'g> MembraneForces<'g> {
     /// # Errors
     /// Returns the errors of the formulas.
     pub fn at(&self, cell: usize, point: Point) -> Result<[f64; 3]> {
+        let (given, solved) = (self.given(point)?, self.solved(cell, point)?);
+        Ok([0, 1, 2].map(|k| given[k] + solved[k]))
+    }
+
+    /// Returns the part that is given, at a point.
+    ///
+    /// # Errors
+    /// Returns the errors of the formulas.
+    pub fn given(&self, point: Point) -> Result<[f64; 3]> {
         let Some(in_plane) = self.in_plane else { return Ok([0.0; 3]) };
         let [xx, yy, xy] = in_plane.tension.components().map(|component| component.at(point, 0.0));
-        let given = [xx?, yy?, xy?];
-        let Some(SolvedForces { mesh, sections, displacement, cells }) = &self.solved else {
-            return Ok(given);
-        };
+        Ok([xx?, yy?, xy?])
+    }
+
+    /// Returns the part that follows from the equilibrium, at a point of a cell of this process.
+    ///
+    /// # Errors
+    /// Returns the errors of the formulas.
+    pub fn solved(&self, cell: usize, point: Point) -> Result<[f64; 3]> {
+        let (Some(in_plane), Some(solved)) = (self.in_plane, &self.solved) else { return Ok([0.0; 3]) };
+        let SolvedForces { mesh, sections, displacement, cells } = solved;
         let cell = cells.as_ref().map_or(cell, |cells| cells[cell]);
         let section = sections.section(cell, point)?;
         let strain = section.expansion * temperature(in_plane, point)?;
-        let solved = MembranePoint::new(mesh, cell, point, &section)?.force(displacement, strain);
-        Ok([0, 1, 2].map(|k| given[k] + solved[k]))
+        Ok(MembranePoint::new(mesh, cell, point, &section)?.force(displacement, strain))
     }
 }
 

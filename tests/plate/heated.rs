@@ -108,6 +108,24 @@ fn a_held_plate_has_the_stress_of_its_expansion() {
     assert!(rolled[1].abs() <= 1e-9 * rolled[0].abs(), "{rolled:?}");
 }
 
+/// A temperature that jumps at the abscissa of a quadrature point of a cell, beside tension that is
+/// a hundred times larger than its forces: the mirrored plate buckles alike.
+#[test]
+fn a_jump_of_temperature_keeps_its_mirror_image() {
+    for element in ["fvs", "hct"] {
+        let factor = |condition: &str, diagonal: &str| {
+            let scene = square(element, [4, 4]).replace("[4, 4]", &format!("[4, 4]{diagonal}"))
+                + &all_round("clamped")
+                + &format!("in_plane.temperature = \"if({condition}, 3, 0)\"\nin_plane.tension.yy = -1e-2\n");
+            inspect(&scene).buckling_factor.unwrap()
+        };
+        let diagonals =
+            if element == "hct" { [", diagonal = 'right'", ", diagonal = 'left'"] } else { [""; 2] };
+        let right = factor("x > 2/3", diagonals[0]);
+        close(element, factor("1 - x > 2/3", diagonals[1]), right, 1e-9);
+    }
+}
+
 #[test]
 fn what_cannot_be_heated_or_loaded_is_refused() {
     let supports = all_round("simply_supported");

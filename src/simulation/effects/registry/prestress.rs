@@ -6,11 +6,10 @@
 use crate::assembly;
 use crate::communicator::Communicator;
 use crate::dof_map::NodeConstraint;
-use crate::element::adaptive::{Integrand, Rules};
 use crate::error::Result;
 use crate::mesh::Point;
 use crate::partition::Partition;
-use crate::scene::{FieldInput, InPlane, Still};
+use crate::scene::FieldInput;
 use crate::simulation::effects::contributions::{Contributions, Restraint};
 use crate::simulation::effects::ground::BuildContext;
 use crate::simulation::refinement;
@@ -19,15 +18,21 @@ use nalgebra::Matrix2;
 /// Adds the geometric stiffness. Collective.
 pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contributions) -> Result<()> {
     let Some(in_plane) = ground.scene.prestress() else { return Ok(()) };
-    let (mesh, membrane) = (ground.mesh, &ground.membrane);
-    let rules = rules(ground, in_plane)?;
-    let force = |cell: usize, point: Point| {
-        let [xx, yy, xy] = membrane.at(cell, point)?;
-        Ok(Matrix2::new(xx, xy, xy, yy))
-    };
-    let matrices = ground.comm().all_ok(assembly::prestress(mesh, &force, &rules))?;
-    sum.add_stiffness(matrices, false, None);
-    sum.prestress = sum.stiffness.len() - mesh.cells.len()..sum.stiffness.len();
+    let (mesh, membrane, before) = (ground.mesh, &ground.membrane, sum.stiffness.len());
+    let matrix = |force: Result<[f64; 3]>| force.map(|[xx, yy, xy]| Matrix2::new(xx, xy, xy, yy));
+    let given: Vec<&FieldInput> = in_plane.tension.components().into();
+    if given.iter().any(|component| !component.is_zero()) {
+        let force = |_: usize, point: Point| matrix(membrane.given(point));
+        let rules = refinement::rules_of("in_plane.tension", mesh, &given, ground.comm())?;
+        sum.add_stiffness(ground.comm().all_ok(assembly::prestress(mesh, &force, &rules))?, false, None);
+    }
+    if !membrane.are_given() {
+        let force = |cell: usize, point: Point| matrix(membrane.solved(cell, point));
+        let fields = Vec::from_iter(&in_plane.temperature);
+        let rules = refinement::rules_of("in_plane.temperature", mesh, &fields, ground.comm())?;
+        sum.add_stiffness(ground.comm().all_ok(assembly::prestress(mesh, &force, &rules))?, false, None);
+    }
+    sum.prestress = before..sum.stiffness.len();
     // A plate under tension all over keeps its slope.
     if membrane.are_given() && !presses(ground)? {
         for (node, &point) in mesh.nodes.iter().enumerate() {
@@ -61,16 +66,4 @@ pub(in crate::simulation::effects) fn presses<P: Partition>(ground: &BuildContex
     let presses: Result<Vec<bool>> = corners.map(|(cell, node)| presses(cell, node)).collect();
     let presses = ground.comm().all_ok(presses)?;
     Ok(ground.comm().all_reduce_any(presses.contains(&true)))
-}
-
-/// Returns special quadrature rules for cells in which the force needs them. Collective.
-fn rules<P: Partition>(ground: &BuildContext<P>, in_plane: &InPlane) -> Result<Rules> {
-    let fields: Vec<&FieldInput> =
-        in_plane.tension.components().into_iter().chain(&in_plane.temperature).collect();
-    if fields.iter().all(|field| field.is_low()) {
-        return Ok(Rules::new());
-    }
-    let still: Vec<Still> = fields.iter().map(|field| field.still(0.0)).collect();
-    let field = |_| Some(&still as &dyn Integrand);
-    refinement::rules(in_plane.key(), ground.mesh, &field, ground.comm())
 }
