@@ -29,7 +29,7 @@ const LEAST: f64 = 1e-6;
 /// Number of cells whose strains are kept at once.
 const CELLS: usize = 64;
 
-/// Energy of stretching as a form of modal coordinates; see the [module page](self).
+/// Energy of stretching as a quartic form of modal coordinates, `$V = \tfrac12 \sum_k (q^T H_k\, q)^2$`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct QuarticForm {
     modes: usize,

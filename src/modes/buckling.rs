@@ -72,7 +72,9 @@ fn of_sign<E: Engine>(engine: &E, forms: [&Form; 2], sign: f64, most: f64) -> Re
     while high - low > BRACKET * high {
         let middle = if low > 0.0 { 0.5 * (low + high) } else { 0.1 * high };
         if middle < 1.0 / MOST {
-            return Err(Error::Singular("a plate that is not held has no buckling load".into()));
+            let wrong =
+                "in_plane: nothing holds the plate, or the forces are more than 1e9 times its buckling load";
+            return Err(Error::Singular(wrong.into()));
         }
         match factor(engine, forms, sign * middle)? {
             Some(_) => low = middle,
