@@ -251,15 +251,15 @@ pub fn geometric_stiffness<const N: usize>(
     rule: Rule,
     force: impl Fn(Point) -> Matrix2<f64>,
 ) -> SMatrix<f64, N, N> {
-    let mut stiffness = SMatrix::zeros();
+    let mut geometric = SMatrix::zeros();
     for (number, piece) in element.pieces.iter().enumerate() {
         for &(barycentric, weight) in rule.of(number) {
             let force = force(element.point(number, barycentric)) * (weight * piece.area());
             let gradient = piece.basis(barycentric).gradient;
-            stiffness += gradient.tr_mul(&(force * gradient));
+            geometric += gradient.tr_mul(&(force * gradient));
         }
     }
-    (stiffness + stiffness.transpose()) / 2.0
+    (geometric + geometric.transpose()) / 2.0
 }
 
 /// Returns the integrals `$\int \phi_i$` of the basis functions over the cell, N entries, exact up
