@@ -7,8 +7,8 @@
 //! V = \tfrac12 \sum_k s_k^2, \qquad s_k = q^T H_k\, q, \qquad \nabla V = 2 \sum_k s_k H_k\, q .
 //! ```
 //!
-//! Forces in the plane that buckle the plate add their geometric energy `$\tfrac12 q^T G q$`, and
-//! V is then counted from its least value together with that of bending.
+//! Forces in the plane that buckle the plate add their geometric energy `$\tfrac12 q^T G q$`. The
+//! energy of bending and V together then count from their least value.
 //!
 //! The matrices H_k are the principal directions of the weighted strains of all pairs, each pair
 //! scaled to modes of equal energy. Directions of less than a millionth of the largest are left

@@ -37,7 +37,7 @@ pub struct Spaces {
     /// Rigid motions that no support holds: translations along x and y and rotation about the
     /// first node, in parts of the size of the plate.
     pub free: Vec<Vector3<f64>>,
-    /// Size of the plate: largest distance of a node from the first one, in m.
+    /// Largest distance of a node from the first one, in m, by which rotations are scaled.
     pub size: f64,
 }
 

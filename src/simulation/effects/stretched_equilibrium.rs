@@ -8,7 +8,7 @@
 //! l \le G U \le u, \quad r \perp G U - l,\; u - G U ,
 //! ```
 //!
-//! where q_0 and w_0 are those of the plate that only bends and touches nothing, `$A = G \Phi$`, and R
+//! where q_0 and w_0 belong to the plate that only bends and touches nothing, `$A = G \Phi$`, and R
 //! is the flexibility of the rest. Newton's method linearises `$\nabla V$`. In each step the nodes in
 //! contact solve a dense complementarity problem with the compliance `$A T^{-1} A^T + G R$` of the
 //! tangent T. In directions without or with negative stiffness T is replaced by its magnitude, so
