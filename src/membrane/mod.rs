@@ -57,8 +57,14 @@ struct StrainPoint {
 
 impl StrainPoint {
     /// Returns the gradient of a function with these local values.
-    fn gradient(&self, values: impl Iterator<Item = f64>) -> [f64; 2] {
-        values.zip(&self.gradients).fold([0.0; 2], |[x, y], (value, g)| [x + value * g[0], y + value * g[1]])
+    fn gradient(&self, values: &[f64]) -> [f64; 2] {
+        let pairs = values.iter().zip(&self.gradients);
+        pairs.fold([0.0; 2], |[x, y], (value, g)| [x + value * g[0], y + value * g[1]])
+    }
+
+    /// Adds the forces of a flux through the gradients of the local basis functions.
+    fn add_flux(&self, [x, y]: [f64; 2], forces: &mut [f64]) {
+        forces.iter_mut().zip(&self.gradients).for_each(|(force, g)| *force += x * g[0] + y * g[1]);
     }
 
     /// Returns the strain of the local dof `i` of both components.
@@ -71,8 +77,8 @@ impl StrainPoint {
     /// Returns the weighted strain R e of a local displacement of both components.
     fn weighted_strain(&self, displacement: &[f64]) -> Vector3<f64> {
         let (along, across) = displacement.split_at(self.gradients.len());
-        let [xx, xy] = self.gradient(along.iter().copied());
-        let [yx, yy] = self.gradient(across.iter().copied());
+        let [xx, xy] = self.gradient(along);
+        let [yx, yy] = self.gradient(across);
         self.root * Vector3::new(xx, 0.5 * (xy + yx), yy)
     }
 }
@@ -83,15 +89,24 @@ impl MembraneCell {
         self.dofs.iter().map(|dof| dof.map_or(0.0, |(dof, factor)| factor * u[dof])).collect()
     }
 
+    /// Returns the slopes at the points, for deflections and slopes at all nodes.
+    fn slopes(&self, shape: &[f64]) -> Vec<[f64; 2]> {
+        let local: Vec<f64> = self.places.iter().map(|&place| shape[place]).collect();
+        self.points.iter().map(|point| point.gradient(&local)).collect()
+    }
+
     /// Adds the force `$-\int \mathrm{sym}\nabla v : A : e$` of weighted strains R e at points.
     fn add_force(&self, points: &[StrainPoint], strains: &[Vector3<f64>], force: &mut [f64]) {
+        let mut sums = vec![0.0; self.dofs.len()];
+        let (along, across) = sums.split_at_mut(self.places.len());
         for (point, weighted) in points.iter().zip(strains) {
-            let stress = point.root.tr_mul(weighted);
-            for (i, dof) in self.dofs.iter().enumerate() {
-                if let Some((dof, factor)) = dof {
-                    force[*dof] -= factor * point.strain(i).dot(&stress);
-                }
-            }
+            // The middle component works on both shear strains.
+            let [xx, xy, yy] = point.root.tr_mul(weighted).into();
+            point.add_flux([xx, 0.5 * xy], along);
+            point.add_flux([0.5 * xy, yy], across);
+        }
+        for ((dof, factor), sum) in self.dofs.iter().zip(sums).filter_map(|(dof, sum)| Some(((*dof)?, sum))) {
+            force[dof] -= factor * sum;
         }
     }
 

@@ -14,7 +14,7 @@
 //! scaled to modes of equal energy. Directions of less than a millionth of the largest are left
 //! out.
 
-use super::{Membrane, MembraneCell};
+use super::{Membrane, MembraneCell, StrainPoint};
 use crate::error::Result;
 use crate::kernels::wide::widest;
 use crate::linalg::eigen::symmetric_eigen;
@@ -65,9 +65,9 @@ impl QuarticForm {
         let pairs: Vec<[usize; 2]> = (0..modes).flat_map(|i| (i..modes).map(move |j| [i, j])).collect();
         let mut displacements = Mat::zeros(membrane.dofs, pairs.len());
         for cell in &membrane.cells {
-            let gradients = cell.gradients(shapes);
+            let slopes: Vec<_> = shapes.iter().map(|shape| cell.slopes(shape)).collect();
             for (p, &pair) in pairs.iter().enumerate() {
-                let strains = cell.pair_strains(&gradients, pair);
+                let strains = cell.pair_strains(&slopes, pair);
                 cell.add_force(&cell.points, &strains, displacements.col_as_slice_mut(p));
             }
         }
@@ -233,23 +233,14 @@ impl Stretch {
 }
 
 impl MembraneCell {
-    /// Returns the gradients of some deflections at the points, point by point.
-    fn gradients(&self, shapes: &[Vec<f64>]) -> Vec<Vec<[f64; 2]>> {
-        let of_shape = |point: &super::StrainPoint, shape: &[f64]| {
-            point.gradient(self.places.iter().map(|&place| shape[place]))
-        };
-        self.points.iter().map(|point| shapes.iter().map(|shape| of_shape(point, shape)).collect()).collect()
-    }
-
-    /// Returns the weighted strains at the points by the slopes of a pair of modes: both orders of
-    /// two different modes.
-    fn pair_strains(&self, gradients: &[Vec<[f64; 2]>], [i, j]: [usize; 2]) -> Vec<Vector3<f64>> {
+    /// Returns the weighted strains at the points by the slopes of a pair of modes, both orders of
+    /// two different modes, given the slopes of all modes.
+    fn pair_strains(&self, slopes: &[Vec<[f64; 2]>], [i, j]: [usize; 2]) -> Vec<Vector3<f64>> {
         let share = if i == j { 0.5 } else { 1.0 };
-        let strain = |(point, gradients): (&super::StrainPoint, &Vec<[f64; 2]>)| {
-            let ([ax, ay], [bx, by]) = (gradients[i], gradients[j]);
+        let strain = |(point, ([ax, ay], [bx, by])): (&StrainPoint, (&[f64; 2], &[f64; 2]))| {
             point.root * Vector3::new(ax * bx, 0.5 * (ax * by + ay * bx), ay * by) * share
         };
-        self.points.iter().zip(gradients).map(strain).collect()
+        self.points.iter().zip(slopes[i].iter().zip(&slopes[j])).map(strain).collect()
     }
 }
 
@@ -265,13 +256,13 @@ fn strains(
     let mut result = Mat::zeros(rows, pairs.len());
     let mut first = 0;
     for cell in cells {
-        let gradients = cell.gradients(shapes);
+        let slopes: Vec<_> = shapes.iter().map(|shape| cell.slopes(shape)).collect();
         for (p, &pair) in pairs.iter().enumerate() {
             let local = cell.local(displacements.col_as_slice(p));
-            let slopes = cell.pair_strains(&gradients, pair);
+            let of_slopes = cell.pair_strains(&slopes, pair);
             let column = result.col_as_slice_mut(p);
-            for (k, (point, slope)) in cell.points.iter().zip(&slopes).enumerate() {
-                let strain = point.weighted_strain(&local) + slope;
+            for (k, (point, of_slopes)) in cell.points.iter().zip(&of_slopes).enumerate() {
+                let strain = point.weighted_strain(&local) + of_slopes;
                 column[first + 3 * k..first + 3 * (k + 1)].copy_from_slice(strain.as_slice());
             }
         }

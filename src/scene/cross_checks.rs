@@ -4,7 +4,7 @@ use super::damping::ModalRatios;
 use super::document::{Document, quote};
 use super::{
     ContactSolver, EngineName, FORCE_COLUMNS, InPlane, Initial, LinearSolver, Mass, Massless, Obstacle,
-    Probe, ProbeQuantity, Region, Scene, SchemeSpec, Side, StartFrom, Support, SupportLocation, ordinal,
+    Probe, ProbeQuantity, Region, Scene, SchemeName, SchemeSpec, Side, StartFrom, Support, SupportLocation, ordinal,
 };
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
@@ -68,21 +68,25 @@ fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
     if !scene.stretches() {
         return Ok(());
     }
-    let motion = scene.motions().next().map(|motion| motion.key.clone());
     let name = scene.supports.iter().position(|support| support.name.is_some());
-    let refused = [
-        (scene.time.scheme.capabilities().name != "conserving").then(|| "time.scheme".to_owned()),
-        (scene.time.mass != Mass::Modal).then(|| "time.mass".to_owned()),
-        (scene.solver.engine == EngineName::Petsc).then(|| "solver.engine".to_owned()),
-        motion,
-        name.map(|index| format!("support.{index}.name")),
-    ];
-    match refused.into_iter().flatten().next() {
-        Some(key) => Err(doc.fault(
-            &key,
-            "contradicts in_plane.stretching; expected time.scheme = \"conserving\" with time.mass = \"modal\" in one \
-             process, and supports at rest and without names",
-        )),
+    let is_modal = scene.time.mass == Mass::Modal;
+    let is_petsc = scene.solver.engine == EngineName::Petsc;
+    let refused = match (is_modal, scene.time.scheme.name()) {
+        (false, SchemeName::Newmark | SchemeName::Midpoint) => None,
+        (true, SchemeName::Conserving) if is_petsc => Some(("solver.engine".to_owned(), "\"native\"")),
+        (true, SchemeName::Conserving) => {
+            name.map(|index| (format!("support.{index}.name"), "supports without names"))
+        }
+        _ => {
+            let schemes = "\"conserving\" with time.mass = \"modal\", or \"newmark\" or \"midpoint\" with another mass";
+            Some(("time.scheme".to_owned(), schemes))
+        }
+    };
+    let motion = scene.motions().next().map(|motion| (motion.key.clone(), "supports at rest"));
+    match refused.or(motion) {
+        Some((key, expected)) => {
+            Err(doc.fault(&key, format!("contradicts in_plane.stretching; expected {expected}")))
+        }
         None => Ok(()),
     }
 }

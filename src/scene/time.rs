@@ -1,6 +1,6 @@
 //! Table `[time]`: scheme, mass matrix, step and end.
 
-use super::document::{Document, join, spell};
+use super::document::{Document, Value, join, spell};
 use super::entry::{Kind, table, via};
 use super::given::FieldInput;
 use super::kinds::{count, positive, within, word};
@@ -225,12 +225,14 @@ fn massless(doc: &Document, method: &Method) -> Result<Massless> {
     };
     let has_dashpots = ["obstacle", "ball", "dashpot"].into_iter().any(has_dashpot);
     let is_damped = has_dashpots || is_positive("damping.stiffness");
-    let usual = if is_damped { Massless::Reflected } else { method.mass.massless() };
+    let stretches = matches!(doc.value("in_plane.stretching"), Some(Value::Truth(true)));
+    let usual = if is_damped || stretches { Massless::Reflected } else { method.mass.massless() };
     let massless = method.massless.unwrap_or(usual);
     if (usual, massless) == (Massless::Reflected, Massless::Equilibrium) {
         let why = match method.mass {
             Mass::Consistent => "time.mass = \"consistent\", which leaves nothing massless",
             _ if has_dashpots => "a dashpot, under which the massless part is in no equilibrium",
+            _ if stretches => "in_plane.stretching, which the scheme knows at the middle of a step only",
             _ => "damping.stiffness, under which the massless part is in no equilibrium",
         };
         let wrong = format!("\"equilibrium\" contradicts {why}; expected \"reflected\"");

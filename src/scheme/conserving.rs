@@ -575,6 +575,6 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
     fn statistics(&self) -> Statistics {
         let of_rules: u64 = self.rules.iter().map(|rule| rule.driver.factorisations()).sum();
         let factorisations = self.potential.factorisations() + of_rules;
-        Statistics { factorisations, relaxation: Some(self.relaxation), events: None }
+        Statistics { factorisations, relaxation: Some(self.relaxation), ..Statistics::default() }
     }
 }

@@ -140,6 +140,16 @@ fn project<E: Engine>(engine: &E, onto: &[Vec<f64>], x: &[f64]) -> Result<Vec<f6
     Ok(engine.comm().all_reduce_sum_slice(&products))
 }
 
+/// Energy V of the stretching mid-plane as a function of the displacement.
+pub trait StretchingEnergy {
+    /// Sets `gradient` to V'(U), in N, for U in m, both with one entry per dof. Returns V, in J.
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the solver in the plane.
+    fn evaluate(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64>;
+}
+
 /// Time-dependent loads, obstacles and supports, and forces besides those of M, K and Rayleigh's
 /// damping. All processes evaluate them at the same instants.
 #[derive(Default)]
@@ -160,6 +170,8 @@ pub struct TimeDependence {
     pub viscous_tips: Option<Vec<ViscousTip>>,
     /// Energy of stretching in the modes of a modal mass; `None` for a plate that only bends.
     pub stretching: Option<Rc<QuarticForm>>,
+    /// Energy of stretching of the dofs; `None` with the modal mass or for a plate that only bends.
+    pub membrane: Option<Box<dyn StretchingEnergy>>,
     /// Dry friction at bounded dofs of this rank; `None` where no rank has any.
     pub sliders: Option<Vec<BoundSlider>>,
 }

@@ -19,6 +19,10 @@
 //! The damping matrix D = alpha M + beta K adds `$2 D / \Delta t$` to the step matrix and nothing
 //! to the right-hand side, since the midpoint velocity is `$2 x / \Delta t$`. [`instants`] tells
 //! how loads, obstacles and supports that depend on time enter.
+//!
+//! The energy of stretching is [quadratised](super::quadratisation), with g at the displacement
+//! `$2 U^{n-1/2} - U^{n-3/2}$`, whose massless part no reflection disturbs: the step matrix gains
+//! `$g g^T$` and the right-hand side `$-g\, \psi^n$`, and `$\psi^{n+1} = \psi^n + 2\, g \cdot x$`.
 
 pub mod instants;
 mod rule;
@@ -28,6 +32,7 @@ pub use scheme::{Massless, Midpoint};
 
 use super::System;
 use super::drive::ModalDamping;
+use super::quadratisation::{Quadratisation, RankOne};
 use super::state::State;
 use super::step_driver::{Formulas, StepDriver};
 use crate::error::Result;
@@ -44,6 +49,11 @@ pub(super) struct MidpointRule<'s, E: Engine> {
     pub dt: f64,
     /// Velocity `$V^n$` in the frame of the step, in m/s, one entry per velocity dof.
     v: Vec<f64>,
+    /// Energy of stretching, with the variable `$\psi^n$`.
+    pub stretching: Option<Quadratisation<'s, E>>,
+    /// Displacements `$U^{n-1/2}$` and `$U^{n-3/2}$` of a plate that stretches, in m, one entry per
+    /// dof.
+    midpoints: [Vec<f64>; 2],
     /// Half the increment of p, `$C^{-1} B x$`, in m, one entry per velocity dof.
     pub half_dp: Vec<f64>,
     /// Increment `$V^{n+1} - V^n$`, in m/s, one entry per velocity dof.
@@ -57,6 +67,7 @@ struct Equation6<'a, 's, E: Engine> {
     dt: f64,
     system: &'s System<E>,
     instants: &'a StepInstants<'s, E>,
+    stretching: Option<&'a Quadratisation<'s, E>>,
 }
 
 impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
@@ -68,11 +79,12 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
         self.instants.limits()
     }
 
-    /// `$b = \frac{2}{\Delta t} B^T V^n - K U^n + F$`
+    /// `$b = \frac{2}{\Delta t} B^T V^n - K U^n + F - g\, \psi^n$`
     fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
         self.system.engine.project_transpose(&self.system.mass, self.v, b)?;
         aypx(2.0 / self.dt, &self.from.force, b);
         self.instants.add_load(b);
+        self.stretching.iter().for_each(|stretching| stretching.subtract_force(stretching.root, b));
         Ok(())
     }
 
@@ -97,6 +109,10 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
     fn displacement_of_forces(&self) -> [f64; 2] {
         [2.0, 0.0]
     }
+
+    fn stretching(&self) -> Option<RankOne<'_>> {
+        self.stretching.map(|stretching| stretching.term(1.0))
+    }
 }
 
 impl<'s, E: Engine> MidpointRule<'s, E> {
@@ -111,8 +127,20 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     pub fn solve(&mut self, from: &State, time: f64) -> Result<StepReport> {
         let system @ System { engine, mass, .. } = self.driver.system;
         self.instants.enter(from, time, &mut self.v)?;
-        let MidpointRule { v, dt, instants, .. } = self;
-        self.driver.solve(&mut Equation6 { from, v, dt: *dt, system, instants })?;
+        if let Some(stretching) = &mut self.stretching {
+            let [last, before] = &self.midpoints;
+            let mut ahead = vec![0.0; last.len()];
+            waxpby(2.0, last, -1.0, before, &mut ahead);
+            stretching.linearise(&ahead)?;
+        }
+        let MidpointRule { v, dt, instants, stretching, .. } = self;
+        let stretching = stretching.as_ref();
+        self.driver.solve(&mut Equation6 { from, v, dt: *dt, system, instants, stretching })?;
+        if let Some(stretching) = &mut self.stretching {
+            stretching.root += 2.0 * stretching.along(&self.driver.x)?;
+            self.midpoints.rotate_right(1);
+            waxpy(1.0, &self.driver.x, &from.u, &mut self.midpoints[0]);
+        }
         engine.project(mass, &self.driver.x, &mut self.half_dp)?;
         waxpby(4.0 / self.dt, &self.half_dp, -2.0, &self.v, &mut self.dv);
         Ok(self.driver.report)
@@ -121,7 +149,8 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     /// Sets the bounded configuration `$G U^{n+1/2}$`, in m, one entry per bound.
     pub fn restrict_midpoint(&self, from: &State, admissible: &mut [f64]) {
         let MidpointRule { driver, instants, v, dt, .. } = self;
-        driver.restrict(&Equation6 { from, v, dt: *dt, system: driver.system, instants }, admissible);
+        let formulas = Equation6 { from, v, dt: *dt, system: driver.system, instants, stretching: None };
+        driver.restrict(&formulas, admissible);
     }
 
     /// Sets `to` to `$(U^n + 2 \gamma x, V^n + \gamma (V^{n+1} - V^n))$`: (6) for gamma = 1.

@@ -34,6 +34,7 @@ pub mod massless;
 pub mod midpoint;
 pub mod modal;
 pub mod newmark;
+mod quadratisation;
 pub mod registry;
 mod relaxation;
 mod sliding;
@@ -44,7 +45,8 @@ mod step_driver;
 pub use balance::StepBalance;
 pub use conserving::{Conserving, RelaxationStatistics};
 pub use drive::{
-    BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, SupportMotion, TimeDependence, ViscousTip,
+    BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, StretchingEnergy, SupportMotion,
+    TimeDependence, ViscousTip,
 };
 pub use equilibrium::{equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
@@ -289,6 +291,8 @@ pub struct Statistics {
     pub relaxation: Option<RelaxationStatistics>,
     /// Events; `None` for a scheme without event detection.
     pub events: Option<EventStatistics>,
+    /// Gap of the root of the energy of stretching, dimensionless; `None` for a scheme without it.
+    pub stretching_gap: Option<f64>,
 }
 
 /// Time scheme, which computes one [`Solution`] from the last.

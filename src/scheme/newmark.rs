@@ -25,6 +25,20 @@
 //! reactions at its ends, which are those of the instants themselves. [`start`] tells the first
 //! step, and [`instants`] how loads, obstacles and supports that depend on time enter.
 //!
+//! # Stretching
+//!
+//! The energy V of the mid-plane is [quadratised](super::quadratisation), with g at `$U^n$`. The
+//! force is the mean of `$\psi\, g$` before and after the instant:
+//!
+//! ```math
+//! \Bigl(\frac{M}{\Delta t^2} + \beta K + \tfrac14 g g^T\Bigr) x
+//!    = F - K U^n - g\,\bigl(\psi^{n-1/2} + \tfrac12 g \cdot d\bigr) + G^T r, \qquad
+//! \psi^{n+1/2} = \psi^{n-1/2} + \tfrac12\, g \cdot (U^{n+1} - U^{n-1}) .
+//! ```
+//!
+//! The invariant of beta = 1/2 gains `$\tfrac12 (\psi^{n+1/2})^2$`, and never rises for e = 0 as
+//! without stretching. At the start `$\psi^{1/2} = \sqrt{2 V} + \tfrac12\, g \cdot (U^1 - U^0)$`.
+//!
 //! # Bounds that yield
 //!
 //! The reaction of a bound that yields is that of its law at `$U^{n+1,e}$`, which lies at the time
@@ -48,6 +62,7 @@ pub mod start;
 mod stiffness_force;
 
 use super::drive::ModalDamping;
+use super::quadratisation::{Quadratisation, RankOne};
 use super::sliding::Sliding;
 use super::step_driver::{Formulas, StepDriver};
 use super::{StepRecord, System};
@@ -143,6 +158,9 @@ struct Levels<'s, E: Engine> {
     d_n: Vec<f64>,
     /// Force `$K U^n$` and its increments.
     force: StiffnessForce,
+    /// Energy of stretching, with the variable `$\psi^{n-1/2}$` before a step and `$\psi^{n+1/2}$`
+    /// after it.
+    stretching: Option<Quadratisation<'s, E>>,
     /// Energies stored in bounds that yield, at `$U^{n,e}$` and `$U^{n+1,e}$`, in J.
     stored: [f64; 2],
     /// Initial velocity `$v_0$` at the bounded dofs, in m/s.
@@ -171,9 +189,12 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
         self.instants.as_ref().and_then(CentralInstants::limits).unwrap_or(&self.system.bounds)
     }
 
-    /// `$b = F - K U^n - D (U^n - U^{n-1}) / \Delta t$`
+    /// `$b = F - K U^n - D (U^n - U^{n-1}) / \Delta t - g\,(\psi^{n-1/2} + \tfrac12 g \cdot d)$`
     fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
         self.force(b);
+        if let Some(stretching) = &self.stretching {
+            stretching.subtract_force(stretching.root + 0.5 * stretching.along(&self.d_n)?, b);
+        }
         let product = self.force.of_increment();
         self.system.damp(&self.d_n, product, 1.0 / self.parameters.step, b, &mut self.product)
     }
@@ -197,6 +218,10 @@ impl<E: Engine> Formulas<E> for Levels<'_, E> {
     fn displacement_of_forces(&self) -> [f64; 2] {
         [0.5, 1.0]
     }
+
+    fn stretching(&self) -> Option<RankOne<'_>> {
+        self.stretching.as_ref().map(|stretching| stretching.term(0.25))
+    }
 }
 
 impl<E: Engine> Levels<'_, E> {
@@ -214,7 +239,19 @@ impl<E: Engine> Levels<'_, E> {
             *u += *d;
         }
         self.force.advance(self.system, &self.u_n, &self.d_n)?;
+        self.stretching.as_mut().map_or(Ok(()), |stretching| stretching.linearise(&self.u_n))?;
         self.instants.as_mut().map_or(Ok(()), |instants| instants.advance(self.system, next))
+    }
+
+    /// Advances the variable of stretching to `$\psi^{n+1/2}$`, given x and the weights of x and of
+    /// d in the displacement `$U^{n+1} - U^{n-1}$`, or `$U^1 - U^0$` in the first step. Collective.
+    fn stretch(&mut self, x: &[f64], [of_x, of_d]: [f64; 2]) -> Result<()> {
+        let Some(stretching) = &mut self.stretching else { return Ok(()) };
+        let path = of_x * stretching.along(x)? + of_d * stretching.along(&self.d_n)?;
+        let before = stretching.root;
+        stretching.root += 0.5 * path;
+        stretching.compare(0.5 * (before + stretching.root), stretching.stored);
+        Ok(())
     }
 
     /// Sets the energy that bounds which yield, and the springs of sliders, store in the bounded

@@ -24,6 +24,8 @@ pub(super) struct State {
     /// Velocities of the support frame that V is measured relative to, in m/s, one entry per
     /// motion.
     pub frame_rates: Vec<f64>,
+    /// Energy of stretching, a part of the elastic energy, in J.
+    pub stretching: f64,
     /// Energies of the state; the work is that of the constant load, in J.
     pub energies: Energies,
 }
@@ -41,6 +43,7 @@ impl State {
             u,
             instant: system.instant(0.0)?,
             frame_rates: system.drive.rates(0.0)?,
+            stretching: 0.0,
             energies: Energies::default(),
         };
         state.update_energies(system)?;
@@ -50,6 +53,7 @@ impl State {
     /// Saves the state to an archive or restores it from there.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.energies)?;
+        archive.value(&mut self.stretching)?;
         self.instant.archive(archive)?;
         archive.value(&mut self.frame_rates)?;
         archive.vector(VectorKind::Dofs, &mut self.u)?;
@@ -64,6 +68,10 @@ impl State {
         if !system.bounds.laws.are_rigid() {
             let bounds = self.instant.bounds(&system.bounds);
             elastic += system.total(bounds.stored_energy(|bound| self.u[bounds.dofs[bound]]))?;
+        }
+        if let Some(membrane) = &system.drive.membrane {
+            self.stretching = membrane.evaluate(&self.u, &mut vec![0.0; self.u.len()])?;
+            elastic += self.stretching;
         }
         let kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
         self.energies = Energies { kinetic, elastic, work: system.work(&self.u)? };

@@ -12,11 +12,13 @@
 
 use super::drive::ModalDamping;
 use super::feedback::Feedback;
+use super::quadratisation::{RankOne, RootSearch};
 use super::sliding::Sliding;
 use super::{StepRecord, System};
 use crate::archive::Archive;
 use crate::error::Result;
-use crate::linalg::vectors::dot_of_sum;
+use crate::communicator::Communicator;
+use crate::linalg::vectors::{dot_of_sum, largest, waxpy};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport, StiffnessProduct};
@@ -45,6 +47,10 @@ pub(super) trait Formulas<E: Engine> {
     /// Returns the weights of x and d in the displacement over which the forces of the step do
     /// their work.
     fn displacement_of_forces(&self) -> [f64; 2];
+
+    /// Returns the term that [stretching](super::quadratisation) adds to the step matrix; `None` for
+    /// a plate that only bends.
+    fn stretching(&self) -> Option<RankOne<'_>>;
 }
 
 /// Solver of the steps of one scheme, with the answer to the last step.
@@ -57,6 +63,8 @@ pub(super) struct StepDriver<'s, E: Engine> {
     product: Vec<f64>,
     has_product: bool,
     feedback: Option<Feedback>,
+    /// Search for the force of stretching.
+    root_search: RootSearch,
     /// Sliders; `None` where no rank has any.
     pub sliding: Option<Sliding>,
     /// Bounds on x, in m.
@@ -96,6 +104,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             product: vec![0.0; engine.dofs()],
             has_product: false,
             feedback: None,
+            root_search: RootSearch::default(),
             sliding: None,
             bounds: bounds.clone(),
             modal_velocities: None,
@@ -197,19 +206,37 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             let ([c, s], u, d) = (weights, formulas.displacement(), formulas.known());
             sliding.bound(&mut self.bounds, |dof| u[dof] + s * d[dof], c);
         }
-        let problem = Problem {
-            matrix: &self.matrix,
-            rhs: &self.b,
-            bounds: &self.bounds,
-            length: limits.magnitude().max(limits.largest(formulas.displacement())),
+        let length = limits.magnitude().max(limits.largest(formulas.displacement()));
+        let Some(RankOne { weight, gradient, scale }) = formulas.stretching() else {
+            return self.solve_within_bounds(length);
         };
+        let mut search = self.root_search;
+        let (mut iterations, base) = (0, std::mem::take(&mut self.b));
+        self.b = base.clone();
+        let missing = search.run(scale, |share| {
+            waxpy(-weight * share, gradient, &base, &mut self.b);
+            self.solve_within_bounds(length)?;
+            iterations += self.report.iterations;
+            Ok(engine.dot(gradient, &self.x)? - share)
+        })?;
+        // The force that the root misses counts like any other.
+        let force = |factor: f64| weight * factor.abs() * largest(gradient.iter().copied());
+        let scale = largest(self.b.iter().copied()).max(force(search.root()));
+        let [force, scale] = [force(missing), scale].map(|share| engine.comm().all_reduce_max(share));
+        let kkt = if force > 0.0 { self.report.kkt.max(force / scale) } else { self.report.kkt };
+        self.report = StepReport { iterations, kkt, ..self.report };
+        (self.root_search, self.b) = (search, base);
+        Ok(())
+    }
+
+    /// Solves a step within the bounds on x that are set; `length` is the scale of deflections, in
+    /// m.
+    fn solve_within_bounds(&mut self, length: f64) -> Result<()> {
+        let System { engine, stiffness, .. } = self.system;
+        let problem = Problem { matrix: &self.matrix, rhs: &self.b, bounds: &self.bounds, length };
         let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
         let more = self.feedback.as_ref().and_then(Feedback::term);
-        let mut product = StiffnessProduct {
-            stiffness: &self.system.stiffness,
-            product: &mut self.product,
-            is_known: false,
-        };
+        let mut product = StiffnessProduct { stiffness, product: &mut self.product, is_known: false };
         self.report =
             self.solver.solve_step(engine, &problem, more.as_slice(), &mut answer, Some(&mut product))?;
         self.has_product = product.is_known && self.solver.has_accurate_products();
@@ -265,6 +292,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// Returns [`crate::Error::Checkpoint`] where the archive does not fit, and the errors of the
     /// solver.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        archive.value(&mut self.root_search)?;
         archive.value(&mut self.modal_velocities)?;
         archive.value(&mut self.damped)?;
         self.feedback.as_mut().map_or(Ok(()), |feedback| feedback.archive(archive))?;

@@ -21,6 +21,9 @@ pub(super) struct MembraneForces<'g> {
     in_plane: Option<&'g InPlane>,
     solved: Option<SolvedForces<'g>>,
     following: Option<Rc<FollowingMembrane>>,
+    /// Node of the whole mesh of each node of the part of a plate that stretches, and the number of
+    /// nodes of the whole; `None` where the part is the whole.
+    nodes: Option<(Vec<usize>, usize)>,
 }
 
 /// Forces by the equilibrium in the plane of the whole plate, which every process solves.
@@ -39,13 +42,13 @@ impl<'g> MembraneForces<'g> {
     /// Returns the errors of the supports, and [`Error::Scene`] for loads that nothing carries.
     pub fn new<P: Partition>(scene: &'g Scene, mesh: &'g Mesh, partition: &P) -> Result<MembraneForces<'g>> {
         let in_plane = scene.prestress();
-        let none = MembraneForces { in_plane, solved: None, following: None };
+        let none = MembraneForces { in_plane, solved: None, following: None, nodes: None };
         if !scene.stretches() && !in_plane.is_some_and(InPlane::is_solved) {
             return Ok(none);
         }
         let built = MembraneForces::build::<P>(scene, in_plane, mesh);
-        let (solved, following) = partition.comm().all_ok(built)?;
-        Ok(MembraneForces { solved, following: scene.stretches().then_some(following), ..none })
+        let (solved, following, nodes) = partition.comm().all_ok(built)?;
+        Ok(MembraneForces { solved, following: scene.stretches().then_some(following), nodes, ..none })
     }
 
     /// Builds the membrane of the whole plate, and solves for the forces in it if there are any.
@@ -53,21 +56,17 @@ impl<'g> MembraneForces<'g> {
         scene: &'g Scene,
         in_plane: Option<&'g InPlane>,
         part: &'g Mesh,
-    ) -> Result<(Option<SolvedForces<'g>>, Rc<FollowingMembrane>)> {
+    ) -> Result<(Option<SolvedForces<'g>>, Rc<FollowingMembrane>, Option<(Vec<usize>, usize)>)> {
         let mesh = if P::DIVIDES { Cow::Owned(meshing::mesh(scene)?) } else { Cow::Borrowed(part) };
         let sections = PlateAssembly::new(scene, &mesh, &SelfComm)?;
         let spaces = spaces(scene, &mesh)?;
         let membrane = Membrane::new(&mesh, &spaces, &sections)?;
         let following = Rc::new(FollowingMembrane::new(membrane, spaces));
+        let cells = P::DIVIDES.then(|| cells_of(part, &mesh)).transpose()?;
+        let nodes = cells.as_ref().map(|cells| (nodes_of(part, &mesh, cells), mesh.nodes.len()));
         let Some(in_plane) = in_plane.filter(|in_plane| in_plane.is_solved()) else {
-            return Ok((None, following));
+            return Ok((None, following, nodes));
         };
-        let cell_of = |cell| {
-            let centre = part.centroid(cell);
-            let missing = || Error::Mesh(format!("no cell of the whole mesh at {centre}"));
-            mesh.locate(centre).ok_or_else(missing)
-        };
-        let cells = P::DIVIDES.then(|| (0..part.cells.len()).map(cell_of).collect()).transpose()?;
         let strain =
             |cell, point| Ok(sections.section(cell, point)?.expansion * temperature(in_plane, point)?);
         let loads = in_plane.tractions.iter().enumerate().map(|(number, traction)| {
@@ -79,7 +78,7 @@ impl<'g> MembraneForces<'g> {
         let fields = Vec::from_iter(&in_plane.temperature);
         let rules = refinement::rules_of("in_plane.temperature", &mesh, &fields, &SelfComm)?;
         let displacement = following.equilibrium(&mesh, &sections, (&strain, &rules), &loads)?;
-        Ok((Some(SolvedForces { mesh, sections, displacement, cells }), following))
+        Ok((Some(SolvedForces { mesh, sections, displacement, cells }), following, nodes))
     }
 
     /// Returns whether there are any forces that do not depend on the deflection.
@@ -95,6 +94,12 @@ impl<'g> MembraneForces<'g> {
     /// Returns the membrane of a plate that stretches.
     pub fn following(&self) -> Option<&Rc<FollowingMembrane>> {
         self.following.as_ref()
+    }
+
+    /// Returns the node of the whole mesh of each node of the part, and the number of nodes of the
+    /// whole; `None` where the part is the whole.
+    pub fn nodes(&self) -> Option<&(Vec<usize>, usize)> {
+        self.nodes.as_ref()
     }
 
     /// Returns the components xx, yy and xy at a point of a cell of this process, in N/m.
@@ -128,6 +133,29 @@ impl<'g> MembraneForces<'g> {
         let strain = section.expansion * temperature(in_plane, point)?;
         Ok(MembranePoint::new(mesh, cell, point, &section)?.force(displacement, strain))
     }
+}
+
+/// Returns the cell of the whole mesh of each cell of a part.
+fn cells_of(part: &Mesh, whole: &Mesh) -> Result<Vec<usize>> {
+    let cell_of = |cell| {
+        let centre = part.centroid(cell);
+        let missing = || Error::Mesh(format!("no cell of the whole mesh at {centre}"));
+        whole.locate(centre).ok_or_else(missing)
+    };
+    (0..part.cells.len()).map(cell_of).collect()
+}
+
+/// Returns the node of the whole mesh of each node of a part, given the cells.
+fn nodes_of(part: &Mesh, whole: &Mesh, cells: &[usize]) -> Vec<usize> {
+    let mut nodes = vec![0; part.nodes.len()];
+    for (cell, &number) in part.cells.iter().zip(cells) {
+        for &node in cell.nodes() {
+            let distance = |other: &&usize| (whole.nodes[**other] - part.nodes[node]).norm();
+            let nearest = whole.cells[number].nodes().iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            nodes[node] = nearest.copied().unwrap_or_default();
+        }
+    }
+    nodes
 }
 
 /// Returns the temperature above the one without stress at a point, in K.

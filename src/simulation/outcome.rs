@@ -191,6 +191,10 @@ pub struct Outcome {
     /// Relaxation statistics of a conserving scheme.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub relaxation: Option<RelaxationStatistics>,
+    /// Largest distance of the variable of stretching from the root of its energy, relative to the
+    /// largest root, with `newmark` and `midpoint`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stretching_gap: Option<f64>,
     /// Extremes of the stress; `None` unless the scene asks for them.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub extremes: Option<Extremes>,

@@ -92,8 +92,9 @@ fn run_from<E: Engine>(
     outcome.forces = monitor.forces.summary(scheme.time());
     let dissipated = model.friction(scene, scheme.as_ref()).into_iter();
     outcome.dissipated = scene.slider_names().zip(dissipated.map(|[_, dissipated]| dissipated)).collect();
-    let Statistics { factorisations, relaxation, events } = scheme.statistics();
+    let Statistics { factorisations, relaxation, events, stretching_gap } = scheme.statistics();
     (outcome.factorisations, outcome.relaxation, outcome.tally) = (factorisations, relaxation, events);
+    outcome.stretching_gap = stretching_gap;
     outcome.linear = model.system.engine.linear_solves().into();
     // Other errors may have stopped some processes earlier than others.
     if matches!(ended, Ok(()) | Err(Error::Interrupted { .. })) {

@@ -316,6 +316,6 @@ impl<E: Engine> Scheme for Exact<'_, E> {
             evaluations: self.statistics.evaluations + self.search.evaluations,
             ..self.statistics
         };
-        Statistics { factorisations, relaxation: None, events: Some(events) }
+        Statistics { factorisations, events: Some(events), ..Statistics::default() }
     }
 }

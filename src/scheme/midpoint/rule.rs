@@ -6,6 +6,7 @@ use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{copy_scaled, waxpby, waxpy};
+use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::state::{State, SupportVelocities};
 use crate::scheme::step_driver::StepDriver;
 use crate::scheme::{StepBalance, System};
@@ -25,6 +26,8 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
             driver: StepDriver::new(system, Self::matrix(system, dt), dt, solver)?,
             instants: StepInstants::new(system, dt, support_velocities),
             dt,
+            stretching: None,
+            midpoints: Default::default(),
             v: velocities(),
             half_dp: velocities(),
             dv: velocities(),
@@ -49,6 +52,13 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
 
     /// Sets x from the initial velocity (m/s), as if a step had ended at the start.
     pub fn begin(&mut self, velocity: &[f64], start: &State) -> Result<()> {
+        self.stretching = Quadratisation::new(self.driver.system, &start.u)?;
+        if self.stretching.is_some() {
+            let before = |steps: f64| {
+                start.u.iter().zip(velocity).map(|(u, v)| u - steps * self.dt * v).collect()
+            };
+            self.midpoints = [0.5, 1.5].map(before);
+        }
         copy_scaled(0.5 * self.dt, velocity, &mut self.driver.x);
         self.instants.begin(&start.instant)
     }
@@ -86,6 +96,12 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     /// Saves or restores the last solution and the solver.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.instants.archive(archive)?;
+        if let Some(stretching) = &mut self.stretching {
+            stretching.archive(archive)?;
+            for midpoint in &mut self.midpoints {
+                archive.vector(VectorKind::Dofs, midpoint)?;
+            }
+        }
         archive.vector(VectorKind::Dofs, &mut self.driver.x)?;
         archive.vector(VectorKind::Bounds, &mut self.driver.reaction)?;
         self.driver.archive(archive)

@@ -20,6 +20,7 @@ use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
+use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::sliding::Sliding;
 use crate::scheme::state::{State, SupportVelocities};
 use crate::scheme::{
@@ -208,6 +209,9 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
                 rule.update(now, 1.0, next);
                 rule.instants.reach(now, time, 1.0, &mut next.instant)?;
                 next.update_energies(self.system)?;
+                if let Some(stretching) = &mut rule.stretching {
+                    stretching.compare(stretching.root, next.stretching);
+                }
             }
             Some(potential) => {
                 let mut line = potential.line(now, rule, time)?;
@@ -269,6 +273,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     fn statistics(&self) -> Statistics {
         let of_corrector = self.potential.as_ref().map_or(0, Potential::factorisations);
         let factorisations = self.rule.driver.factorisations() + of_corrector;
-        Statistics { factorisations, ..Statistics::default() }
+        let stretching_gap = self.rule.stretching.as_ref().map(Quadratisation::gap);
+        Statistics { factorisations, stretching_gap, ..Statistics::default() }
     }
 }

@@ -368,7 +368,7 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
         Statistics {
             factorisations: self.contact.factorisations + self.implicit.contact.factorisations,
             relaxation: (self.implicit.rule == StepRule::Splitting).then_some(self.relaxation),
-            events: None,
+            ..Statistics::default()
         }
     }
 

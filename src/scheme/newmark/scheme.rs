@@ -9,6 +9,7 @@ use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
+use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::step_driver::{Formulas, StepDriver};
 use crate::scheme::{
     Approach, Friction, Scheme, Solution, Start, Statistics, StepBalance, StepRecord, System,
@@ -46,6 +47,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let mut levels = Levels {
             system,
             parameters,
+            stretching: Quadratisation::new(system, &start.displacement)?,
             u_n: start.displacement,
             d_n: vec![0.0; dofs],
             force: StiffnessForce::new(dofs),
@@ -63,6 +65,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         driver.solve(&mut first)?;
         driver.report_to(&first, &mut record);
         record.reaction.copy_from_slice(&driver.reaction);
+        first.levels.stretch(&driver.x, [0.5, 0.0])?;
         first.update(&mut driver);
         driver.restart_modal_damping(&levels)?;
         levels.store(&record.admissible, driver.sliding.as_ref())?;
@@ -98,14 +101,15 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// # Errors
     /// Returns the errors of the engine.
     pub fn invariant(&self) -> Result<f64> {
-        let Levels { system, parameters, u_n, force, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, force, stretching, instants, .. } = &self.levels;
         let System { engine, stiffness, mass, .. } = system;
         let rate: Vec<f64> = self.increments().map(|[_, e]| e / parameters.step).collect();
         let next: Vec<f64> = u_n.iter().zip(self.increments()).map(|(u, [_, e])| u + e).collect();
         let mut product = vec![0.0; next.len()];
         let kinetic = engine.multiply(mass, &rate, &mut product)?;
         let elastic = engine.multiply(stiffness, &next, &mut product)?
-            + 2.0 * force.elastic_energy(system, u_n, &mut product)?;
+            + 2.0 * force.elastic_energy(system, u_n, &mut product)?
+            + 2.0 * stretching.as_ref().map_or(0.0, |stretching| stretching.root.powi(2));
         let work = system.work(u_n)? + system.work(&next)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment);
         let stored = 0.5 * (parameters.stored_now(self.levels.stored) + self.levels.stored[1]);
@@ -134,16 +138,18 @@ impl<E: Engine> Solution for Newmark<'_, E> {
         Ok(self.levels.instants.as_ref().map_or(Vec::new(), CentralInstants::support_rates))
     }
 
-    /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity.
+    /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity and the
+    /// true energy of stretching.
     fn energies(&self) -> Result<Energies> {
-        let Levels { system, parameters, u_n, force, stored, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, force, stretching, stored, instants, .. } = &self.levels;
         let [rate, v] = &mut *self.work.borrow_mut();
         let elastic = force.elastic_energy(system, u_n, rate)?;
         rate.iter_mut().zip(self.central_velocity()).for_each(|(rate, now)| *rate = now);
         let kinetic = system.kinetic_energy(rate, v)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work);
         let work = system.work(u_n)? + by_time;
-        Ok(Energies { kinetic, elastic: elastic + parameters.stored_now(*stored), work })
+        let stretched = stretching.as_ref().map_or(0.0, |stretching| stretching.stored);
+        Ok(Energies { kinetic, elastic: elastic + stretched + parameters.stored_now(*stored), work })
     }
 
     fn invariant(&self) -> Result<f64> {
@@ -168,6 +174,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.driver.report_to(&self.levels, &mut self.record);
         self.record.end_step(&self.driver.reaction);
         self.levels.force.add(self.driver.stiffness_product());
+        self.levels.stretch(&self.driver.x, [1.0, 2.0])?;
         self.levels.store(&self.record.admissible, self.driver.sliding.as_ref())?;
         self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)
     }
@@ -208,7 +215,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
-        let Levels { system, u_n, d_n, force, stored, instants, .. } = &mut self.levels;
+        let Levels { system, u_n, d_n, force, stretching, stored, instants, .. } = &mut self.levels;
         if !system.bounds.laws.are_rigid() {
             archive.value(stored)?;
         }
@@ -216,11 +223,16 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
             archive.vector(VectorKind::Dofs, vector)?;
         }
         force.archive(archive)?;
+        stretching.as_mut().map_or(Ok(()), |stretching| stretching.archive(archive))?;
         instants.as_mut().map_or(Ok(()), |instants| instants.archive(archive))?;
         self.driver.archive(archive)
     }
 
     fn statistics(&self) -> Statistics {
-        Statistics { factorisations: self.driver.factorisations(), ..Statistics::default() }
+        Statistics {
+            factorisations: self.driver.factorisations(),
+            stretching_gap: self.levels.stretching.as_ref().map(Quadratisation::gap),
+            ..Statistics::default()
+        }
     }
 }

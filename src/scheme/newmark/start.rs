@@ -24,6 +24,7 @@ use crate::linalg::Engine;
 use crate::linalg::vectors::{axpy, scale, subtract, waxpby};
 use crate::obstacle::Bounds;
 use crate::scheme::drive::ModalDamping;
+use crate::scheme::quadratisation::RankOne;
 use crate::scheme::step_driver::{Formulas, StepDriver};
 
 /// First step, whose unknown is `$x = 2 (U^1 - U^0)$`.
@@ -64,12 +65,13 @@ impl<E: Engine> Formulas<E> for FirstStep<'_, '_, E> {
         self.levels.limits()
     }
 
-    /// `$b = \frac{2}{\Delta t} M v_0 + F - K U^0$`
+    /// `$b = \frac{2}{\Delta t} M v_0 + F - K U^0 - g \sqrt{2 V}$`
     fn right_hand_side(&mut self, b: &mut [f64]) -> Result<()> {
         self.levels.force(b);
         let momentum = self.levels.system.momentum(self.v0)?;
         let dt = self.levels.parameters.step;
         axpy(2.0 / dt, &momentum, b);
+        self.levels.stretching.iter().for_each(|stretching| stretching.subtract_force(stretching.root, b));
         Ok(())
     }
 
@@ -91,5 +93,9 @@ impl<E: Engine> Formulas<E> for FirstStep<'_, '_, E> {
     /// `$\tfrac12 (U^1 - U^{-1}) = \Delta t\,d$`
     fn displacement_of_forces(&self) -> [f64; 2] {
         [0.0, self.levels.parameters.step]
+    }
+
+    fn stretching(&self) -> Option<RankOne<'_>> {
+        self.levels.stretching()
     }
 }

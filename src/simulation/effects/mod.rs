@@ -144,6 +144,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     };
     let geometric = is_buckled.then(|| system.engine.native().form(geometric));
     system.drive.stretching = stretching::form(ground, &system, geometric.as_ref())?.map(Rc::new);
+    system.drive.membrane = stretching::over_dofs(ground, &system.mass);
 
     // C and the damping of modes.
     let dashpots = ground.terms.dashpots(system.damping.stiffness, ground.comm());
