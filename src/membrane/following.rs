@@ -27,15 +27,20 @@ impl FollowingMembrane {
     /// # Errors
     /// Returns the errors of the factor.
     pub fn follow(&self, shape: &[f64]) -> Result<InPlaneDisplacement> {
+        Ok(InPlaneDisplacement::of(&self.spaces, &self.dofs(shape)?))
+    }
+
+    /// Returns the free dofs of the displacement in the plane.
+    fn dofs(&self, shape: &[f64]) -> Result<Vec<f64>> {
         let mut membrane = self.membrane.borrow_mut();
-        let mut force = vec![0.0; membrane.dofs];
+        let mut dofs = vec![0.0; membrane.dofs];
         for cell in &membrane.cells {
             let slopes = cell.slopes(shape);
             let strains: Vec<_> = cell.points.iter().zip(&slopes).map(bent).collect();
-            cell.add_force(&cell.points, &strains, &mut force);
+            cell.add_force(&cell.points, &strains, &mut dofs);
         }
-        membrane.factor.solve(&mut force)?;
-        Ok(InPlaneDisplacement::of(&self.spaces, &force))
+        membrane.factor.solve(&mut dofs)?;
+        Ok(dofs)
     }
 
     /// Adds the gradient of the energy V of stretching, for deflections and slopes at all nodes, to
@@ -44,23 +49,37 @@ impl FollowingMembrane {
     /// # Errors
     /// Returns the errors of the factor.
     pub fn evaluate(&self, shape: &[f64], gradient: &mut [f64]) -> Result<f64> {
-        let mut membrane = self.membrane.borrow_mut();
-        let mut slopes = Vec::new();
-        let mut displacement = vec![0.0; membrane.dofs];
-        for cell in &membrane.cells {
-            let first = slopes.len();
-            slopes.extend(cell.slopes(shape));
-            let strains: Vec<_> = cell.points.iter().zip(&slopes[first..]).map(bent).collect();
-            cell.add_force(&cell.points, &strains, &mut displacement);
-        }
-        membrane.factor.solve(&mut displacement)?;
-        let (mut energy, mut slopes) = (0.0, slopes.as_slice());
-        for cell in &membrane.cells {
-            let (of_cell, others) = slopes.split_at(cell.points.len());
-            slopes = others;
-            energy += cell.add_pull(of_cell, &cell.local(&displacement), gradient);
+        let dofs = self.dofs(shape)?;
+        let mut energy = 0.0;
+        for cell in &self.membrane.borrow().cells {
+            let mut pull = vec![0.0; cell.places.len()];
+            for (point, (slope, force, of_point)) in cell.points.iter().zip(cell.forces(shape, &dofs)) {
+                energy += of_point;
+                point.add_flux(flux(force, slope), &mut pull);
+            }
+            cell.places.iter().zip(pull).for_each(|(&place, sum)| gradient[place] += sum);
         }
         Ok(energy)
+    }
+
+    /// Returns the geometric stiffness of the force of stretching in each cell, over the deflections
+    /// and slopes of its nodes, and these places in the list for all nodes.
+    ///
+    /// # Errors
+    /// Returns the errors of the factor.
+    pub fn geometric_stiffness(&self, shape: &[f64]) -> Result<Vec<(Vec<usize>, Vec<f64>)>> {
+        let dofs = self.dofs(shape)?;
+        let cell = |cell: &MembraneCell| {
+            let count = cell.places.len();
+            let mut matrix = vec![0.0; count * count];
+            for (point, (_, force, _)) in cell.points.iter().zip(cell.forces(shape, &dofs)) {
+                for (column, basis) in matrix.chunks_exact_mut(count).zip(&point.gradients) {
+                    point.add_flux(flux(force, *basis), column);
+                }
+            }
+            (cell.places.clone(), matrix)
+        };
+        Ok(self.membrane.borrow().cells.iter().map(cell).collect())
     }
 
     /// Returns the energy of modes; see [`QuarticForm::new`].
@@ -92,18 +111,20 @@ fn bent((point, [x, y]): (&StrainPoint, &[f64; 2])) -> Vector3<f64> {
     point.root * Vector3::new(0.5 * x * x, 0.5 * x * y, 0.5 * y * y)
 }
 
+/// Returns the flux of a membrane force, as its work on the strains xx, xy, yy, along a slope.
+fn flux([xx, xy, yy]: [f64; 3], [x, y]: [f64; 2]) -> [f64; 2] {
+    // The middle component works on both shear strains.
+    [xx * x + 0.5 * xy * y, 0.5 * xy * x + yy * y]
+}
+
 impl MembraneCell {
-    /// Adds the force of the membrane on deflections and slopes at all nodes, for slopes at the
-    /// points and a local displacement in the plane. Returns the energy, in J.
-    fn add_pull(&self, slopes: &[[f64; 2]], displacement: &[f64], gradient: &mut [f64]) -> f64 {
-        let (mut energy, mut sums) = (0.0, vec![0.0; self.places.len()]);
-        for (point, [x, y]) in self.points.iter().zip(slopes) {
-            let weighted = bent((point, &[*x, *y])) + point.weighted_strain(displacement);
-            energy += 0.5 * weighted.norm_squared();
-            let [xx, xy, yy] = point.root.tr_mul(&weighted).into();
-            point.add_flux([xx * x + 0.5 * xy * y, 0.5 * xy * x + yy * y], &mut sums);
-        }
-        self.places.iter().zip(sums).for_each(|(&place, sum)| gradient[place] += sum);
-        energy
+    /// Returns the slope, the weighted membrane force and the energy (J) at each point, for
+    /// deflections and slopes at all nodes and the dofs of the displacement in the plane.
+    fn forces(&self, shape: &[f64], dofs: &[f64]) -> impl Iterator<Item = ([f64; 2], [f64; 3], f64)> {
+        let local = self.local(dofs);
+        self.points.iter().zip(self.slopes(shape)).map(move |(point, slope)| {
+            let weighted = bent((point, &slope)) + point.weighted_strain(&local);
+            (slope, point.root.tr_mul(&weighted).into(), 0.5 * weighted.norm_squared())
+        })
     }
 }

@@ -1,5 +1,9 @@
 //! Static equilibrium, accurate to rounding.
 
+mod stretched;
+
+pub use stretched::StretchedPlate;
+
 use super::conjugate_gradients;
 use crate::communicator::Communicator;
 use crate::error::Result;

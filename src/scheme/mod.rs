@@ -48,7 +48,7 @@ pub use drive::{
     BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, StretchingEnergy, SupportMotion,
     TimeDependence, ViscousTip,
 };
-pub use equilibrium::{equilibrium, equilibrium_on_bounds};
+pub use equilibrium::{StretchedPlate, equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use massless::contact_compliance::ContactCompliance;
 pub use massless::potential::Potential;

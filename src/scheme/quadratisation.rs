@@ -138,11 +138,6 @@ pub(super) struct RootSearch {
 }
 
 impl RootSearch {
-    /// Returns the last root.
-    pub fn root(self) -> f64 {
-        self.last
-    }
-
     /// Finds the root of `$g \cdot x(s) - s$`, given that function of s; the last evaluation is at
     /// the root, to rounding of `scale`. Returns the value there.
     ///

@@ -219,10 +219,11 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             iterations += self.report.iterations;
             Ok(engine.dot(gradient, &self.x)? - share)
         })?;
-        // The force that the root misses counts like any other.
-        let force = |factor: f64| weight * factor.abs() * largest(gradient.iter().copied());
-        let scale = largest(self.b.iter().copied()).max(force(search.root()));
-        let [force, scale] = [force(missing), scale].map(|share| engine.comm().all_reduce_max(share));
+        // The force that the root misses counts like any other, beside the one of stretching.
+        let steepest = largest(gradient.iter().copied());
+        let scale = largest(self.b.iter().copied()).max(scale.abs() * steepest);
+        let [force, scale] =
+            [weight * missing.abs() * steepest, scale].map(|share| engine.comm().all_reduce_max(share));
         let kkt = if force > 0.0 { self.report.kkt.max(force / scale) } else { self.report.kkt };
         self.report = StepReport { iterations, kkt, ..self.report };
         (self.root_search, self.b) = (search, base);

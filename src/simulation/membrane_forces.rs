@@ -20,10 +20,19 @@ use std::rc::Rc;
 pub(super) struct MembraneForces<'g> {
     in_plane: Option<&'g InPlane>,
     solved: Option<SolvedForces<'g>>,
-    following: Option<Rc<FollowingMembrane>>,
-    /// Node of the whole mesh of each node of the part of a plate that stretches, and the number of
-    /// nodes of the whole; `None` where the part is the whole.
-    nodes: Option<(Vec<usize>, usize)>,
+    following: Option<PlateMembrane>,
+}
+
+/// Membrane of a plate that stretches, on this process's part of the mesh.
+#[derive(Clone)]
+pub(super) struct PlateMembrane {
+    /// Membrane of the whole plate.
+    pub membrane: Rc<FollowingMembrane>,
+    /// Cell and node of the whole mesh of each cell and node of the part.
+    pub cells: Vec<usize>,
+    pub nodes: Vec<usize>,
+    /// Number of nodes of the whole mesh.
+    pub count: usize,
 }
 
 /// Forces by the equilibrium in the plane of the whole plate, which every process solves.
@@ -31,8 +40,8 @@ struct SolvedForces<'g> {
     mesh: Cow<'g, Mesh>,
     sections: PlateAssembly<'g>,
     displacement: InPlaneDisplacement,
-    /// Cell of the whole mesh of each cell of the part; `None` where the part is the whole.
-    cells: Option<Vec<usize>>,
+    /// Cell of the whole mesh of each cell of the part.
+    cells: Vec<usize>,
 }
 
 impl<'g> MembraneForces<'g> {
@@ -42,13 +51,13 @@ impl<'g> MembraneForces<'g> {
     /// Returns the errors of the supports, and [`Error::Scene`] for loads that nothing carries.
     pub fn new<P: Partition>(scene: &'g Scene, mesh: &'g Mesh, partition: &P) -> Result<MembraneForces<'g>> {
         let in_plane = scene.prestress();
-        let none = MembraneForces { in_plane, solved: None, following: None, nodes: None };
+        let none = MembraneForces { in_plane, solved: None, following: None };
         if !scene.stretches() && !in_plane.is_some_and(InPlane::is_solved) {
             return Ok(none);
         }
         let built = MembraneForces::build::<P>(scene, in_plane, mesh);
-        let (solved, following, nodes) = partition.comm().all_ok(built)?;
-        Ok(MembraneForces { solved, following: scene.stretches().then_some(following), nodes, ..none })
+        let (solved, following) = partition.comm().all_ok(built)?;
+        Ok(MembraneForces { solved, following: scene.stretches().then_some(following), ..none })
     }
 
     /// Builds the membrane of the whole plate, and solves for the forces in it if there are any.
@@ -56,16 +65,17 @@ impl<'g> MembraneForces<'g> {
         scene: &'g Scene,
         in_plane: Option<&'g InPlane>,
         part: &'g Mesh,
-    ) -> Result<(Option<SolvedForces<'g>>, Rc<FollowingMembrane>, Option<(Vec<usize>, usize)>)> {
+    ) -> Result<(Option<SolvedForces<'g>>, PlateMembrane)> {
         let mesh = if P::DIVIDES { Cow::Owned(meshing::mesh(scene)?) } else { Cow::Borrowed(part) };
         let sections = PlateAssembly::new(scene, &mesh, &SelfComm)?;
         let spaces = spaces(scene, &mesh)?;
         let membrane = Membrane::new(&mesh, &spaces, &sections)?;
-        let following = Rc::new(FollowingMembrane::new(membrane, spaces));
-        let cells = P::DIVIDES.then(|| cells_of(part, &mesh)).transpose()?;
-        let nodes = cells.as_ref().map(|cells| (nodes_of(part, &mesh, cells), mesh.nodes.len()));
+        let cells = if P::DIVIDES { cells_of(part, &mesh)? } else { (0..mesh.cells.len()).collect() };
+        let nodes = if P::DIVIDES { nodes_of(part, &mesh, &cells) } else { (0..mesh.nodes.len()).collect() };
+        let membrane = Rc::new(FollowingMembrane::new(membrane, spaces));
+        let following = PlateMembrane { membrane, cells, nodes, count: mesh.nodes.len() };
         let Some(in_plane) = in_plane.filter(|in_plane| in_plane.is_solved()) else {
-            return Ok((None, following, nodes));
+            return Ok((None, following));
         };
         let strain =
             |cell, point| Ok(sections.section(cell, point)?.expansion * temperature(in_plane, point)?);
@@ -77,8 +87,9 @@ impl<'g> MembraneForces<'g> {
         let loads: Vec<DeadLoad> = loads.collect::<Result<_>>()?;
         let fields = Vec::from_iter(&in_plane.temperature);
         let rules = refinement::rules_of("in_plane.temperature", &mesh, &fields, &SelfComm)?;
-        let displacement = following.equilibrium(&mesh, &sections, (&strain, &rules), &loads)?;
-        Ok((Some(SolvedForces { mesh, sections, displacement, cells }), following, nodes))
+        let cells = following.cells.clone();
+        let displacement = following.membrane.equilibrium(&mesh, &sections, (&strain, &rules), &loads)?;
+        Ok((Some(SolvedForces { mesh, sections, displacement, cells }), following))
     }
 
     /// Returns whether there are any forces that do not depend on the deflection.
@@ -92,14 +103,8 @@ impl<'g> MembraneForces<'g> {
     }
 
     /// Returns the membrane of a plate that stretches.
-    pub fn following(&self) -> Option<&Rc<FollowingMembrane>> {
+    pub fn following(&self) -> Option<&PlateMembrane> {
         self.following.as_ref()
-    }
-
-    /// Returns the node of the whole mesh of each node of the part, and the number of nodes of the
-    /// whole; `None` where the part is the whole.
-    pub fn nodes(&self) -> Option<&(Vec<usize>, usize)> {
-        self.nodes.as_ref()
     }
 
     /// Returns the components xx, yy and xy at a point of a cell of this process, in N/m.
@@ -128,7 +133,7 @@ impl<'g> MembraneForces<'g> {
     pub fn solved(&self, cell: usize, point: Point) -> Result<[f64; 3]> {
         let (Some(in_plane), Some(solved)) = (self.in_plane, &self.solved) else { return Ok([0.0; 3]) };
         let SolvedForces { mesh, sections, displacement, cells } = solved;
-        let cell = cells.as_ref().map_or(cell, |cells| cells[cell]);
+        let cell = cells[cell];
         let section = sections.section(cell, point)?;
         let strain = section.expansion * temperature(in_plane, point)?;
         Ok(MembranePoint::new(mesh, cell, point, &section)?.force(displacement, strain))

@@ -120,7 +120,7 @@ impl<'s> PlateCurvatures<'s> {
         places: impl Iterator<Item = (usize, Point)>,
     ) -> Result<MidplaneStresses> {
         let constant = Vec::new();
-        let Some(membrane) = self.membrane.following() else {
+        let Some(plate) = self.membrane.following() else {
             return Ok(MidplaneStresses { constant, stretched: None });
         };
         let point = |(cell, point)| {
@@ -128,7 +128,7 @@ impl<'s> PlateCurvatures<'s> {
             Ok((MembranePoint::new(mesh, cell, point, &section)?, section.thickness))
         };
         let points = places.map(point).collect::<Result<_>>()?;
-        Ok(MidplaneStresses { constant, stretched: Some((membrane.clone(), points)) })
+        Ok(MidplaneStresses { constant, stretched: Some((plate.membrane.clone(), points)) })
     }
 
     /// Returns the stresses of the mid-plane at a point of the plate, in Pa: the mean over all

@@ -42,6 +42,7 @@ use crate::error::Result;
 use crate::linalg::{ElementMatrix, Engine, SingularMassCell};
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
+use crate::scene::Mass;
 use crate::scheme::{Start, System, TimeDependence};
 use heights::Heights;
 use loads::Loads;
@@ -127,7 +128,8 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     }
 
     // M and K.
-    let is_buckled = buckling::is_buckled(ground, &engine, mechanism)?;
+    // The modes of a buckled plate are those of the plate without its forces.
+    let is_buckled = buckling::is_buckled(ground, &engine, mechanism)? && ground.scene.time.mass == Mass::Modal;
     let [unpressed, geometric] = if is_buckled { ground.without_prestress() } else { Default::default() };
     let stiffness = engine.native().form(if is_buckled { unpressed } else { ground.stiffness() });
     let (mass, doubt) = inertia::mass(&engine, ground, &stiffness, mechanism.is_some())?;

@@ -53,12 +53,15 @@ impl<P: Partition> BuildContext<'_, P> {
                 (bounds.lower[i], bounds.upper[i]) = (f64::NEG_INFINITY, f64::INFINITY);
             }
         }
-        if system.drive.stretching.is_some() {
+        if self.scene.stretches() {
             if let Some(motion) = mechanism {
                 return Err(Error::Scene(format!(
                     "{key}: the supports leave the plate a mechanism: {motion}; in_plane.stretching finds its equilibrium \
                      only where supports hold it"
                 )));
+            }
+            if let Some(membrane) = &system.drive.membrane {
+                return self.stretched(key, system, membrane.as_ref(), &load, &bounds);
             }
             let mut u = self.equilibrium(system, &load, &Bounds::default())?;
             stretched_equilibrium::settle(self, system, &bounds, &mut u)?;

@@ -1,13 +1,16 @@
 //! Equilibria of the plate under a load.
 
+use super::buckling;
 use super::ground::BuildContext;
 use super::of_cells::OfCells;
+use super::stretching::NodalEnergy;
 use crate::assembly::Probe;
-use crate::error::Result;
+use crate::communicator::Communicator;
+use crate::error::{Error, Result};
 use crate::linalg::Form;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scheme::{self, System};
+use crate::scheme::{self, StretchedPlate, StretchingEnergy, System};
 use crate::simulation::check_residual;
 use std::borrow::Cow;
 
@@ -21,6 +24,42 @@ impl<P: Partition> BuildContext<'_, P> {
     ) -> Result<Vec<f64>> {
         let stiffness = self.stiffness_at_rest(system);
         let (u, _, verdict) = scheme::equilibrium(&system.engine, &stiffness, load, bounds)?;
+        check_residual(0, 0.0, verdict.kkt, self.scene.solver.tolerance)?;
+        Ok(u)
+    }
+
+    /// Computes the equilibrium of the plate that stretches under a load, with the bodies at rest,
+    /// from `initial.deflection` on. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Scene`] where forces in the plane buckle it.
+    pub(super) fn stretched<E: OfCells>(
+        &self,
+        key: &str,
+        system: &System<E>,
+        stretching: &dyn StretchingEnergy,
+        load: &[f64],
+        bounds: &Bounds,
+    ) -> Result<Vec<f64>> {
+        let Some(energy) = NodalEnergy::new(self) else { return self.equilibrium(system, load, bounds) };
+        if buckling::is_buckled(self, &system.engine, None)? {
+            return Err(Error::Scene(format!(
+                "{key}: the forces in the plane buckle the plate, whose equilibrium time.mass = \"modal\" finds; expected that \
+                 mass, or a start from initial.deflection"
+            )));
+        }
+        let blocks = |u: &[f64]| Ok(system.engine.native().form(energy.geometric_stiffness(self, u)?));
+        let plate = StretchedPlate {
+            engine: &system.engine,
+            stiffness: &self.stiffness_at_rest(system),
+            stretching,
+            geometric: &blocks,
+            load,
+            bounds,
+        };
+        let shape = self.comm().all_ok(self.shape_of(&self.scene.initial.deflection))?;
+        let guess = self.owned(&self.space.interpolate(&shape), system.engine.dofs());
+        let (u, _, verdict) = plate.equilibrium(guess)?;
         check_residual(0, 0.0, verdict.kkt, self.scene.solver.tolerance)?;
         Ok(u)
     }

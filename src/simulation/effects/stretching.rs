@@ -6,39 +6,75 @@ use super::stretched_equilibrium::least_energy;
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::Result;
-use crate::linalg::Form;
-use crate::membrane::{FollowingMembrane, QuarticForm};
+use crate::linalg::{ElementMatrix, Form};
+use crate::membrane::QuarticForm;
 use crate::partition::Partition;
 use crate::scheme::{StretchingEnergy, System};
+use crate::simulation::membrane_forces::PlateMembrane;
 use crate::simulation::phase;
 use faer::Mat;
-use std::rc::Rc;
 
 /// Energy of stretching over the dofs. Every process computes the energy of the whole plate.
-struct NodalEnergy<P: Partition> {
-    membrane: Rc<FollowingMembrane>,
+pub(super) struct NodalEnergy<P: Partition> {
+    plate: PlateMembrane,
     partition: P,
     space: DofMap,
-    /// Node of the whole mesh of each node of this process, and the number of nodes of the whole.
-    nodes: (Vec<usize>, usize),
+}
+
+impl<P: Partition> NodalEnergy<P> {
+    /// Creates it; `None` for a plate that only bends.
+    pub fn new(ground: &BuildContext<P>) -> Option<NodalEnergy<P>> {
+        let plate = ground.membrane.following()?.clone();
+        Some(NodalEnergy { plate, partition: ground.partition.clone(), space: ground.space.clone() })
+    }
+
+    /// Returns the place of each deflection and slope of nodes of this process in the list for all
+    /// nodes of the whole plate.
+    fn places<'n>(&'n self, nodes: impl Iterator<Item = usize> + 'n) -> impl Iterator<Item = usize> + 'n {
+        nodes.map(|node| self.plate.nodes[node]).flat_map(|node| PER_NODE * node..PER_NODE * (node + 1))
+    }
+
+    /// Returns deflections and slopes of the whole plate, three per node. Collective.
+    fn whole(&self, u: &[f64]) -> Vec<f64> {
+        let NodalEnergy { plate, partition, space } = self;
+        let value = |dof| partition.own_dof(dof).map_or(0.0, |own_dof| u[own_dof]);
+        let part = space.shape(&(0..space.dofs()).map(value).collect::<Vec<_>>());
+        // The one process that owns a node gives its values.
+        let mut shape = vec![0.0; PER_NODE * plate.count];
+        self.places(0..plate.nodes.len()).zip(part).for_each(|(place, value)| shape[place] += value);
+        if P::DIVIDES { partition.comm().all_reduce_sum_slice(&shape) } else { shape }
+    }
+
+    /// Returns the geometric stiffness of the membrane force at a displacement (m), cell by cell of
+    /// this process. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the membrane.
+    pub fn geometric_stiffness(&self, ground: &BuildContext<P>, u: &[f64]) -> Result<Vec<ElementMatrix>> {
+        let matrices = self.plate.membrane.geometric_stiffness(&self.whole(u));
+        let matrices = self.partition.comm().all_ok(matrices)?;
+        let block = |number: usize| {
+            let (whole, matrix) = &matrices[self.plate.cells[number]];
+            // A part may count the nodes of a cell from another one on.
+            let place = |place| whole.iter().position(|other| *other == place);
+            let nodes = ground.mesh.cells[number].nodes();
+            let order: Vec<usize> = self.places(nodes.iter().copied()).filter_map(place).collect();
+            let row = |&i: &usize| order.iter().map(move |j| matrix[i * whole.len() + j]);
+            ground.cells[number].form(&order.iter().flat_map(row).collect(), number)
+        };
+        Ok((0..ground.mesh.cells.len()).map(block).collect())
+    }
 }
 
 impl<P: Partition> StretchingEnergy for NodalEnergy<P> {
     fn evaluate(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
-        let NodalEnergy { membrane, partition, space, nodes: (nodes, count) } = self;
-        let free: Vec<f64> =
-            (0..space.dofs()).map(|dof| partition.own_dof(dof).map_or(0.0, |own_dof| u[own_dof])).collect();
-        let places = || nodes.iter().flat_map(|node| PER_NODE * node..PER_NODE * (node + 1));
-        let mut shape = vec![0.0; PER_NODE * count];
-        // The one process that owns a node gives its values.
-        places().zip(space.shape(&free)).for_each(|(place, value)| shape[place] += value);
-        let shape = if P::DIVIDES { partition.comm().all_reduce_sum_slice(&shape) } else { shape };
+        let shape = self.whole(u);
         let mut force = vec![0.0; shape.len()];
-        let energy = partition.comm().all_ok(membrane.evaluate(&shape, &mut force))?;
-        let part: Vec<f64> = places().map(|place| force[place]).collect();
+        let energy = self.partition.comm().all_ok(self.plate.membrane.evaluate(&shape, &mut force))?;
+        let part: Vec<f64> = self.places(0..self.plate.nodes.len()).map(|place| force[place]).collect();
         gradient.fill(0.0);
-        for (dof, value) in space.restrict(&part).into_iter().enumerate() {
-            partition.own_dof(dof).into_iter().for_each(|own_dof| gradient[own_dof] = value);
+        for (dof, value) in self.space.restrict(&part).into_iter().enumerate() {
+            self.partition.own_dof(dof).into_iter().for_each(|own_dof| gradient[own_dof] = value);
         }
         Ok(energy)
     }
@@ -50,14 +86,8 @@ pub(super) fn over_dofs<P: Partition>(
     ground: &BuildContext<P>,
     mass: &Form,
 ) -> Option<Box<dyn StretchingEnergy>> {
-    let membrane = ground.membrane.following().filter(|_| !matches!(mass, Form::Modal { .. }))?;
-    let whole = || ((0..ground.mesh.nodes.len()).collect(), ground.mesh.nodes.len());
-    Some(Box::new(NodalEnergy {
-        membrane: membrane.clone(),
-        partition: ground.partition.clone(),
-        space: ground.space.clone(),
-        nodes: ground.membrane.nodes().cloned().unwrap_or_else(whole),
-    }))
+    let energy = NodalEnergy::new(ground).filter(|_| !matches!(mass, Form::Modal { .. }))?;
+    Some(Box::new(energy))
 }
 
 /// Returns the energy of stretching in the modes of the mass, with the geometric stiffness of
@@ -71,13 +101,13 @@ pub(super) fn form<E: OfCells, P: Partition>(
     geometric: Option<&Form>,
 ) -> Result<Option<QuarticForm>> {
     let space = ground.space;
-    let (Some(membrane), Form::Modal { modes, .. }) = (ground.membrane.following(), &system.mass) else {
+    let (Some(plate), Form::Modal { modes, .. }) = (ground.membrane.following(), &system.mass) else {
         return Ok(None);
     };
     phase("stretching");
     let shape = |k: usize| space.shape(modes.shapes.col_as_slice(k));
     let shapes: Vec<Vec<f64>> = (0..modes.count()).map(shape).collect();
-    let mut form = membrane.form(&shapes, &modes.squares)?;
+    let mut form = plate.membrane.form(&shapes, &modes.squares)?;
     if let Some(geometric) = geometric {
         let mut products = Mat::zeros(modes.shapes.nrows(), modes.count());
         for k in 0..modes.count() {
