@@ -62,8 +62,8 @@ impl FollowingMembrane {
         Ok(energy)
     }
 
-    /// Returns the geometric stiffness of the force of stretching in each cell, over the deflections
-    /// and slopes of its nodes, and these places in the list for all nodes.
+    /// Returns for each cell the places of deflections and slopes in the list for all nodes, and
+    /// the geometric stiffness of the force of stretching over them.
     ///
     /// # Errors
     /// Returns the errors of the factor.

@@ -120,6 +120,14 @@ impl MembranePoint {
         })
     }
 
+    /// Returns the point with other numbers of the nodes, given by the present ones.
+    pub fn renumbered(mut self, nodes: &[usize]) -> MembranePoint {
+        for place in &mut self.places {
+            *place = PER_NODE * nodes[*place / PER_NODE] + *place % PER_NODE;
+        }
+        self
+    }
+
     /// Returns the gradient of a function given by its values at all nodes, three per node.
     fn gradient(&self, values: &[f64]) -> Vector2<f64> {
         self.gradients.iter().zip(&self.places).map(|(g, &place)| g * values[place]).sum()

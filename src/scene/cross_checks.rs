@@ -4,7 +4,8 @@ use super::damping::ModalRatios;
 use super::document::{Document, quote};
 use super::{
     ContactSolver, EngineName, FORCE_COLUMNS, InPlane, Initial, LinearSolver, Mass, Massless, Obstacle,
-    Probe, ProbeQuantity, Region, Scene, SchemeName, SchemeSpec, Side, StartFrom, Support, SupportLocation, ordinal,
+    Probe, ProbeQuantity, Region, Scene, SchemeName, SchemeSpec, Side, StartFrom, Support, SupportLocation,
+    ordinal,
 };
 use crate::error::Result;
 use crate::field::MOST_LOOKS;
@@ -78,7 +79,8 @@ fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
             name.map(|index| (format!("support.{index}.name"), "supports without names"))
         }
         _ => {
-            let schemes = "\"conserving\" with time.mass = \"modal\", or \"newmark\" or \"midpoint\" with another mass";
+            let schemes =
+                "\"conserving\" with time.mass = \"modal\", or \"newmark\" or \"midpoint\" with another mass";
             Some(("time.scheme".to_owned(), schemes))
         }
     };

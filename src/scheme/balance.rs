@@ -30,6 +30,11 @@ pub struct StepBalance {
     pub acceleration: Vec<f64>,
     /// Rate of u that dashpots act on, in m/s, one entry per dof; empty without dashpots.
     pub rates: Vec<f64>,
+    /// Displacement at which the force of stretching is taken, in m, one entry per dof; empty for a
+    /// plate that only bends, or with the modal mass.
+    pub stretched: Vec<f64>,
+    /// Factor of the force of stretching, dimensionless.
+    pub stretching: f64,
     /// Instants (s) of the time-dependent loads, and their weights.
     pub loads: Vec<(f64, f64)>,
     /// Places of the supports, in m, one entry per motion.
@@ -48,6 +53,8 @@ impl StepBalance {
             displacement: vec![0.0; system.engine.dofs()],
             acceleration: vec![0.0; system.engine.velocities(&system.mass)],
             rates: if system.drive.dashpots.is_some() { vec![0.0; system.engine.dofs()] } else { Vec::new() },
+            stretched: Vec::new(),
+            stretching: 0.0,
             loads: Vec::new(),
             places: motions.clone(),
             support_rates: motions.clone(),
@@ -63,6 +70,7 @@ impl StepBalance {
     pub fn at_rest<E: Engine>(system: &System<E>, u: &[f64]) -> Result<StepBalance> {
         let mut balance = StepBalance::zero(system);
         balance.displacement.copy_from_slice(u);
+        balance.stretch(system, 1.0, u);
         balance.loads.push((0.0, 1.0));
         balance.places = system.drive.places(0.0)?;
         Ok(balance)
@@ -72,10 +80,20 @@ impl StepBalance {
     pub(super) fn at_start<E: Engine>(system: &System<E>, start: &State) -> Result<StepBalance> {
         let mut balance = StepBalance::zero(system);
         balance.displacement.copy_from_slice(&start.u);
+        balance.stretch(system, 1.0, &start.u);
         balance.loads.push((0.0, 1.0));
         balance.places.copy_from_slice(&start.instant.places);
         balance.support_rates = system.drive.rates(0.0)?;
         Ok(balance)
+    }
+
+    /// Sets the force of stretching of a plate that stretches on its mesh: that of a displacement
+    /// (m) times a factor.
+    pub(super) fn stretch<E: Engine>(&mut self, system: &System<E>, factor: f64, u: &[f64]) {
+        if system.drive.membrane.is_some() {
+            self.stretching = factor;
+            self.stretched = u.to_vec();
+        }
     }
 
     /// Adds the change of the support frame from one velocity to another (m/s, one entry per
@@ -127,6 +145,10 @@ impl StepBalance {
         archive.vector(VectorKind::Velocities, &mut self.acceleration)?;
         if !self.rates.is_empty() {
             archive.vector(VectorKind::Dofs, &mut self.rates)?;
+        }
+        if !self.stretched.is_empty() {
+            archive.vector(VectorKind::Dofs, &mut self.stretched)?;
+            archive.value(&mut self.stretching)?;
         }
         archive.value(&mut self.loads)?;
         for vector in [&mut self.places, &mut self.support_rates, &mut self.support_accelerations] {

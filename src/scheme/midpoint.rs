@@ -54,6 +54,8 @@ pub(super) struct MidpointRule<'s, E: Engine> {
     /// Displacements `$U^{n-1/2}$` and `$U^{n-3/2}$` of a plate that stretches, in m, one entry per
     /// dof.
     midpoints: [Vec<f64>; 2],
+    /// Displacement at which g is taken, in m, one entry per dof.
+    ahead: Vec<f64>,
     /// Half the increment of p, `$C^{-1} B x$`, in m, one entry per velocity dof.
     pub half_dp: Vec<f64>,
     /// Increment `$V^{n+1} - V^n$`, in m/s, one entry per velocity dof.
@@ -129,15 +131,16 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         self.instants.enter(from, time, &mut self.v)?;
         if let Some(stretching) = &mut self.stretching {
             let [last, before] = &self.midpoints;
-            let mut ahead = vec![0.0; last.len()];
-            waxpby(2.0, last, -1.0, before, &mut ahead);
-            stretching.linearise(&ahead)?;
+            waxpby(2.0, last, -1.0, before, &mut self.ahead);
+            stretching.linearise(&self.ahead)?;
         }
         let MidpointRule { v, dt, instants, stretching, .. } = self;
         let stretching = stretching.as_ref();
         self.driver.solve(&mut Equation6 { from, v, dt: *dt, system, instants, stretching })?;
         if let Some(stretching) = &mut self.stretching {
-            stretching.root += 2.0 * stretching.along(&self.driver.x)?;
+            let path = stretching.along(&self.driver.x)?;
+            stretching.applied = stretching.root + path;
+            stretching.root += 2.0 * path;
             self.midpoints.rotate_right(1);
             waxpy(1.0, &self.driver.x, &from.u, &mut self.midpoints[0]);
         }

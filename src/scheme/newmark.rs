@@ -248,9 +248,9 @@ impl<E: Engine> Levels<'_, E> {
     fn stretch(&mut self, x: &[f64], [of_x, of_d]: [f64; 2]) -> Result<()> {
         let Some(stretching) = &mut self.stretching else { return Ok(()) };
         let path = of_x * stretching.along(x)? + of_d * stretching.along(&self.d_n)?;
-        let before = stretching.root;
+        stretching.applied = stretching.root + 0.25 * path;
         stretching.root += 0.5 * path;
-        stretching.compare(0.5 * (before + stretching.root), stretching.stored);
+        stretching.compare(stretching.applied, stretching.stored);
         Ok(())
     }
 

@@ -3,8 +3,8 @@
 //! With `$\psi = \sqrt{2 V}$` and `$g = V'(U) / \psi$` the force of stretching is `$\psi\, g$`. A
 //! scheme takes g at a known displacement and advances `$\psi$` by `$g \cdot \Delta U$`: its step
 //! matrix gains a term `$c\, g g^T$`, and the part `$\tfrac12 \psi^2$` of its energy balance closes
-//! as the one of K does (scalar auxiliary variable: Shen, Xu and Yang 2018). V grows with the fourth
-//! power of U: g vanishes with it.
+//! as the elastic one does (scalar auxiliary variable: Shen, Xu and Yang 2018). V grows with the
+//! fourth power of U: g vanishes with it.
 //!
 //! The step driver solves for the number `$s = g \cdot x$`: `$x(s)$` solves the problem without
 //! the further term and with the force `$-c\, s\, g$`. `$g \cdot x(s)$` falls with s, whatever the
@@ -44,6 +44,8 @@ pub(super) struct Quadratisation<'s, E: Engine> {
     pub gradient: Vec<f64>,
     /// Variable `$\psi$`, in J^1/2.
     pub root: f64,
+    /// Value of `$\psi$` in the force of the last step, in J^1/2.
+    pub applied: f64,
     /// True energy V where the gradient was taken, in J.
     pub stored: f64,
     /// Largest `$\sqrt{2 V}$` and largest distance of `$\psi$` from it, in J^1/2.
@@ -64,6 +66,7 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
             energy: energy.as_ref(),
             gradient: vec![0.0; u.len()],
             root: 0.0,
+            applied: 0.0,
             stored: 0.0,
             largest: 0.0,
             distance: 0.0,
@@ -102,6 +105,11 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
         axpy(-root, &self.gradient, b);
     }
 
+    /// Returns the factor of V' in the force of the last step.
+    pub fn factor(&self) -> f64 {
+        if self.stored > 0.0 { self.applied / (2.0 * self.stored).sqrt() } else { 0.0 }
+    }
+
     /// Compares `$\psi$` with the true energy, in J, of the same instant.
     pub fn compare(&mut self, root: f64, energy: f64) {
         let exact = (2.0 * energy).sqrt();
@@ -121,7 +129,9 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
     /// Returns [`crate::Error::Checkpoint`] where the archive does not fit.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.vector(VectorKind::Dofs, &mut self.gradient)?;
-        for value in [&mut self.root, &mut self.stored, &mut self.largest, &mut self.distance] {
+        for value in
+            [&mut self.root, &mut self.applied, &mut self.stored, &mut self.largest, &mut self.distance]
+        {
             archive.value(value)?;
         }
         Ok(())

@@ -16,8 +16,8 @@ use super::quadratisation::{RankOne, RootSearch};
 use super::sliding::Sliding;
 use super::{StepRecord, System};
 use crate::archive::Archive;
-use crate::error::Result;
 use crate::communicator::Communicator;
+use crate::error::Result;
 use crate::linalg::vectors::{dot_of_sum, largest, waxpy};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
@@ -48,8 +48,8 @@ pub(super) trait Formulas<E: Engine> {
     /// their work.
     fn displacement_of_forces(&self) -> [f64; 2];
 
-    /// Returns the term that [stretching](super::quadratisation) adds to the step matrix; `None` for
-    /// a plate that only bends.
+    /// Returns the term that [stretching](super::quadratisation) adds to the step matrix; `None`
+    /// for a plate that only bends.
     fn stretching(&self) -> Option<RankOne<'_>>;
 }
 

@@ -3,7 +3,7 @@
 use super::plate_assembly::PlateAssembly;
 use super::{meshing, refinement, regions};
 use crate::communicator::{Communicator, SelfComm};
-use crate::dof_map::{Place, Support};
+use crate::dof_map::{PER_NODE, Place, Support};
 use crate::error::{Error, Result};
 use crate::membrane::{
     self, DeadLoad, FollowingMembrane, InPlaneDisplacement, InPlaneHold, InPlaneSupport, Membrane,
@@ -33,6 +33,23 @@ pub(super) struct PlateMembrane {
     pub nodes: Vec<usize>,
     /// Number of nodes of the whole mesh.
     pub count: usize,
+}
+
+impl PlateMembrane {
+    /// Returns deflections and slopes of the whole plate, three per node, given those of the nodes
+    /// of this process. Collective.
+    pub fn whole<P: Partition>(&self, partition: &P, part: &[f64]) -> Vec<f64> {
+        if !P::DIVIDES {
+            return part.to_vec();
+        }
+        let mut shape = vec![0.0; PER_NODE * self.count];
+        for (node, values) in
+            part.chunks_exact(PER_NODE).enumerate().filter(|(node, _)| partition.owns_node(*node))
+        {
+            shape[PER_NODE * self.nodes[node]..][..PER_NODE].copy_from_slice(values);
+        }
+        partition.comm().all_reduce_sum_slice(&shape)
+    }
 }
 
 /// Forces by the equilibrium in the plane of the whole plate, which every process solves.
@@ -156,7 +173,8 @@ fn nodes_of(part: &Mesh, whole: &Mesh, cells: &[usize]) -> Vec<usize> {
     for (cell, &number) in part.cells.iter().zip(cells) {
         for &node in cell.nodes() {
             let distance = |other: &&usize| (whole.nodes[**other] - part.nodes[node]).norm();
-            let nearest = whole.cells[number].nodes().iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
+            let nearest =
+                whole.cells[number].nodes().iter().min_by(|a, b| distance(a).total_cmp(&distance(b)));
             nodes[node] = nearest.copied().unwrap_or_default();
         }
     }

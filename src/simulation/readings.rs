@@ -129,7 +129,10 @@ impl Readings {
             let (terms, rest) = sums.split_at(reading.terms.len());
             sums = rest;
             let stretched = match &reading.stretched {
-                Some(stretched) => mean(&stretched.of_shape(&self.motion.relative(scheme.displacement()))?),
+                Some(stretched) => {
+                    let shape = self.motion.relative(&system.engine.to_local(scheme.displacement())?);
+                    mean(&stretched.of_shape(&shape)?, system.engine.comm())
+                }
                 None => Moments::default(),
             };
             values[probe] = reading.value(terms, stretched);
@@ -184,10 +187,11 @@ impl Readings {
     }
 }
 
-/// Returns the mean of some stresses.
-fn mean(stresses: &[Moments]) -> Moments {
+/// Returns the mean of the stresses of all processes; zero of none. Collective.
+fn mean(stresses: &[Moments], comm: &impl Communicator) -> Moments {
     let sum = stresses.iter().fold(Moments::default(), |sum, stress| sum.plus(*stress));
-    sum.times(1.0 / stresses.len().max(1) as f64)
+    let [xx, yy, xy, count] = comm.all_reduce_sum([sum.xx, sum.yy, sum.xy, stresses.len() as f64]);
+    Moments { xx, yy, xy }.times(1.0 / count.max(1.0))
 }
 
 impl Accelerations {

@@ -1,14 +1,14 @@
 //! Recovered curvatures of a scene's plate, with its thickness and material.
 
 use super::effects::BuildContext;
-use super::membrane_forces::MembraneForces;
+use super::membrane_forces::{MembraneForces, PlateMembrane};
 use super::plate_assembly::PlateAssembly;
 use crate::assembly::{self, Probe, Recovery};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::geometry;
 use crate::linalg::vectors::axpy;
-use crate::membrane::{FollowingMembrane, MembranePoint};
+use crate::membrane::MembranePoint;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
@@ -26,6 +26,8 @@ pub(super) type CurvaturesOfShape = Box<dyn Fn(&[f64]) -> Result<Vec<[f64; 3]>>>
 /// Recovery of the curvatures of a scene's plate, with its sections.
 pub(super) struct PlateCurvatures<'s> {
     pub membrane: Rc<MembraneForces<'s>>,
+    /// Membrane of a plate that stretches.
+    following: Option<MembraneOfParts>,
     pub body: PlateAssembly<'s>,
     pub recovery: Recovery,
     /// Number of parts of the plate, the plate outside all of them included.
@@ -45,23 +47,31 @@ pub(super) struct MidplaneStresses {
     /// Stresses that do not depend on the deflection, in Pa; empty without any.
     constant: Vec<Moments>,
     /// Membrane of a plate that stretches, and its points.
-    stretched: Option<(Rc<FollowingMembrane>, Vec<MidplanePoint>)>,
+    stretched: Option<(MembraneOfParts, Vec<MidplanePoint>)>,
 }
 
 /// Point of the membrane with the thickness there, in m.
 type MidplanePoint = (MembranePoint, f64);
 
+/// Function that returns deflections and slopes of the whole plate, three per node, given those of
+/// this process. Collective.
+type ShapeOfParts = dyn Fn(&[f64]) -> Vec<f64>;
+
+/// Membrane of a plate that stretches, with the shape that it follows.
+type MembraneOfParts = (PlateMembrane, Rc<ShapeOfParts>);
+
 impl MidplaneStresses {
-    /// Returns the stresses for deflections and slopes at all nodes, three per node, in Pa; empty
-    /// where all are zero.
+    /// Returns the stresses for deflections and slopes at all nodes of this process, three per
+    /// node, in Pa; empty where all are zero. Collective.
     ///
     /// # Errors
     /// Returns the errors of the membrane.
     pub fn of_shape(&self, shape: &[f64]) -> Result<Cow<'_, [Moments]>> {
-        let Some((membrane, points)) = &self.stretched else { return Ok((&self.constant).into()) };
-        let displacement = membrane.follow(shape)?;
+        let Some(((plate, whole), points)) = &self.stretched else { return Ok((&self.constant).into()) };
+        let shape = whole(shape);
+        let displacement = plate.membrane.follow(&shape)?;
         let stress = |(number, (point, thickness)): (usize, &MidplanePoint)| {
-            let [xx, yy, xy] = point.stretching_force(&displacement, shape);
+            let [xx, yy, xy] = point.stretching_force(&displacement, &shape);
             let constant = self.constant.get(number).copied().unwrap_or_default();
             Moments { xx, yy, xy }.times(1.0 / thickness).plus(constant)
         };
@@ -81,7 +91,12 @@ impl<'s> PlateCurvatures<'s> {
         let body = PlateAssembly::new(scene, mesh, partition.comm())?;
         let parts = scene.parts.len() + 1;
         let recovery = Recovery::new(mesh, &ground.cells, &|cell| body.part(cell), parts, partition)?;
-        Ok(PlateCurvatures { membrane: ground.membrane.clone(), body, recovery, parts })
+        let following = ground.membrane.following().map(|plate| {
+            let (of_parts, partition) = (plate.clone(), partition.clone());
+            let whole: Rc<ShapeOfParts> = Rc::new(move |part| of_parts.whole(&partition, part));
+            (plate.clone(), whole)
+        });
+        Ok(PlateCurvatures { membrane: ground.membrane.clone(), following, body, recovery, parts })
     }
 
     /// Returns the stresses of the mid-plane at a point of a cell, in Pa: 0 without forces in the
@@ -120,15 +135,16 @@ impl<'s> PlateCurvatures<'s> {
         places: impl Iterator<Item = (usize, Point)>,
     ) -> Result<MidplaneStresses> {
         let constant = Vec::new();
-        let Some(plate) = self.membrane.following() else {
+        let Some((plate, whole)) = &self.following else {
             return Ok(MidplaneStresses { constant, stretched: None });
         };
         let point = |(cell, point)| {
             let section = self.body.section(cell, point)?;
-            Ok((MembranePoint::new(mesh, cell, point, &section)?, section.thickness))
+            let of_part = MembranePoint::new(mesh, cell, point, &section)?;
+            Ok((of_part.renumbered(&plate.nodes), section.thickness))
         };
         let points = places.map(point).collect::<Result<_>>()?;
-        Ok(MidplaneStresses { constant, stretched: Some((plate.membrane.clone(), points)) })
+        Ok(MidplaneStresses { constant, stretched: Some(((plate.clone(), whole.clone()), points)) })
     }
 
     /// Returns the stresses of the mid-plane at a point of the plate, in Pa: the mean over all

@@ -19,7 +19,7 @@ use crate::dof_map::{DofMap, PER_NODE};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::mesh::{Mesh, Point};
-use crate::output::text::{engineering, short};
+use crate::output::text::{engineering, short, significant};
 use crate::scene::Scene;
 use crate::simulation::{self, Model, Outcome};
 
@@ -38,6 +38,10 @@ const STATIC: &str = "the static deflection";
 
 /// Distance from a line that counts as none, relative to the size of the plate.
 const ON_LINE: f64 = 1e-6;
+
+/// Distance of the variable of stretching from the root of its energy, relative to the largest
+/// root, that is warned of.
+const MAX_GAP: f64 = 0.01;
 
 /// Returns the warning of a scene, if its static deflections are too large for a linear plate.
 pub(super) fn warning(scene: &Scene, model: &Model) -> Option<String> {
@@ -66,7 +70,16 @@ pub(super) fn warning(scene: &Scene, model: &Model) -> Option<String> {
 
 /// Returns the warning of a run whose largest deflection is too large for a linear plate; `None`
 /// where the warnings before the run said so.
+///
+/// A plate that stretches is warned of where the variable of its energy has left the energy.
 pub fn of_run(scene: &Scene, outcome: &Outcome, warnings: &[String]) -> Option<String> {
+    if let Some(gap) = outcome.stretching_gap.filter(|gap| *gap > MAX_GAP) {
+        return Some(format!(
+            "the variable by which the scheme knows the energy of stretching is {} % off its root: take a smaller time.step, \
+             or time.scheme = \"conserving\" with time.mass = \"modal\", which has no such variable",
+            significant(100.0 * gap)
+        ));
+    }
     let is_said = warnings.iter().any(|warning| warning.starts_with(STATIC));
     // Deflections are relative to the ground, and supports that move carry the plate along.
     if is_said || scene.stretches() || scene.motions().next().is_some() {

@@ -40,8 +40,11 @@ fn judged_with_matrices(scene: &Scene, notes: &[String], native: Option<(&Scene,
         Some((model, Ok(frequencies))) => judged(scene, notes, Some((model, &frequencies))),
         Some((_, Err(error))) => {
             let mut warnings = judged(scene, notes, None);
-            warnings
-                .push(format!("time.step is not judged, because the natural frequencies failed: {error}"));
+            let why = match scene.stretches() && scene.prestress().is_some() {
+                true => "the forces in the plane buckle the plate".into(),
+                false => format!("the natural frequencies failed: {error}"),
+            };
+            warnings.push(format!("time.step is not judged, because {why}"));
             warnings
         }
     }
@@ -149,8 +152,11 @@ fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
     {
         let (limit, highest) = (significant(limit), significant(highest));
         // A scene with dashpots or friction may have no such choice.
-        let remedy =
-            if scene.dissipates() { "" } else { "; time.scheme = \"conserving\" keeps it at any step" };
+        let remedy = match (scene.dissipates(), scene.stretches()) {
+            (true, _) => "",
+            (false, false) => "; time.scheme = \"conserving\" keeps it at any step",
+            (false, true) => "; time.scheme = \"conserving\" with time.mass = \"modal\" keeps it at any step",
+        };
         warnings.push(format!(
             "time.step = {written} s is too long for \"{}\" to keep the energy at impacts to 1 %, which takes {limit} s, because \
              the fastest mode has {highest} Hz{remedy}",

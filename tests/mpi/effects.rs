@@ -87,6 +87,38 @@ fn kinks_of_supports() {
     }
 }
 
+/// The mid-plane stretches, from an equilibrium on, through impacts, on named supports; stresses
+/// follow.
+#[test]
+fn stretching() {
+    for (number, time) in [
+        r#"scheme = "newmark", mass = "singular", restitution = 0.3"#,
+        r#"scheme = "newmark", mass = "consistent""#,
+        r#"scheme = "midpoint", mass = "singular""#,
+    ]
+    .iter()
+    .enumerate()
+    {
+        agree(
+            &format!("stretching-{number}"),
+            &format!(
+                r#"
+                {PAPER_PLATE}
+                mesh = {{ element = "fvs", cells = [8, 3] }}
+                support = [{{ name = "left", edge = "left", kind = "clamped" }}, {{ edge = "right", kind = "simply_supported" }}, {{ edge = "top", where = "x > 0.7", kind = "guided" }}]
+                obstacle = [{{ side = "below", height = -0.004, where = "x > 0.4" }}, {{ side = "above", height = 0.02 }}]
+                in_plane = {{ stretching = true, tension = {{ xx = 1e4, yy = 2e3, xy = 0 }} }}
+                load = {{ pressure = 3e4 }}
+                initial = {{ equilibrium = true, velocity = "-30*x*(1.2 - x)" }}
+                time = {{ {time}, step = 1e-4, end = 0.03 }}
+                output = {{ extremes = true, probes = [{{ name = "centre", at = [0.6, 0.2] }}, {{ name = "stress", at = [0.6, 0.2], quantity = "stress_xx_top" }}] }}
+                "#
+            ),
+            true,
+        );
+    }
+}
+
 #[test]
 fn a_ball_and_all_that_is_attached() {
     let heated = PAPER_PLATE.replace(" }", ", expansion = 1.2e-5 }");

@@ -42,6 +42,11 @@ fn residual(model: &Model, scheme: &dyn Scheme, balance: &StepBalance) -> f64 {
     system.engine.project_transpose(&system.mass, &balance.acceleration, &mut product).unwrap();
     scale = scale.max(largest(&product));
     axpy(1.0, &product, &mut force);
+    if let (Some(membrane), false) = (&system.drive.membrane, balance.stretched.is_empty()) {
+        membrane.evaluate(&balance.stretched, &mut product).unwrap();
+        scale = scale.max(largest(&product));
+        axpy(balance.stretching, &product, &mut force);
+    }
     if let Some(load) = &system.load {
         scale = scale.max(largest(load));
         axpy(-1.0, load, &mut force);
@@ -144,6 +149,33 @@ fn forces_add_up_to_the_change_of_momentum_in_contact() {
             let columns = scene(&text).force_columns();
             let nib = columns.iter().position(|name| name == "force_nib").unwrap();
             assert!(rows.iter().any(|row| row[nib] < 0.0), "{text}");
+        }
+    }
+}
+
+/// The plate stretches between two edges by more than its bending.
+#[test]
+fn forces_of_stretching_add_up_too() {
+    for method in [
+        ("newmark", "singular", ""),
+        ("newmark", "consistent", ", beta = 0.3, restitution = 0.3"),
+        ("midpoint", "singular", ", massless = \"reflected\""),
+        ("midpoint", "consistent", ", massless = \"reflected\""),
+    ] {
+        for element in ["fvs", "hct"] {
+            let ends = "support = [{ name = \"one\", edge = \"left\", kind = \"clamped\" }, \
+                        { name = \"other\", edge = \"right\", kind = \"simply_supported\" }]\n";
+            let text = format!(
+                "{UNIT}{}{ends}obstacle = [{{ name = \"floor\", side = \"below\", height = -0.02 }}]\n\
+                 in_plane.stretching = true\nload.gravity = 0.5\ninitial.velocity = \"-9*x*(1 - x)\"\n\
+                 damping.mass = 0.5\n{}output.every = 1\nsolver.energy_guard = 1e9\n",
+                grid(element, 3, 3),
+                time(method, 1.3e-3, 150),
+            );
+            let rows = check(&text, &Acting { constant: -0.5, drag: 0.5, ..STILL });
+            let columns = scene(&text).force_columns();
+            let floor = columns.iter().position(|name| name == "force_floor").unwrap();
+            assert!(rows.iter().any(|row| row[floor] > 0.0), "{text}");
         }
     }
 }

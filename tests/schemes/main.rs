@@ -33,5 +33,6 @@ mod splitting;
 mod stops;
 mod stresses;
 mod stretching;
+mod stretching_on_mesh;
 mod sweeps;
 mod work;

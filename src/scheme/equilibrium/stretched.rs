@@ -79,7 +79,13 @@ impl<E: Engine + 'static> StretchedPlate<'_, E> {
             let bent = engine.multiply(stiffness, &u, &mut b)?;
             b.iter_mut().zip(self.load.iter().zip(&pull)).for_each(|(b, (load, pull))| *b = load - *b + pull);
             let least = 0.5 * bent + self.energy_beyond(&u, stretched)?;
-            self.step([&b, &pull], stretched, &u, &mut remaining, &mut Answer { x: &mut x, reaction: &mut reaction })?;
+            self.step(
+                [&b, &pull],
+                stretched,
+                &u,
+                &mut remaining,
+                &mut Answer { x: &mut x, reaction: &mut reaction },
+            )?;
             // At the end rounding of these terms hides the descent.
             let most = least + ROUNDING * (0.5 * bent + stretched + engine.dot(self.load, &u)?.abs());
             let mut moved = u.clone();

@@ -28,6 +28,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
             dt,
             stretching: None,
             midpoints: Default::default(),
+            ahead: Vec::new(),
             v: velocities(),
             half_dp: velocities(),
             dv: velocities(),
@@ -54,10 +55,10 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     pub fn begin(&mut self, velocity: &[f64], start: &State) -> Result<()> {
         self.stretching = Quadratisation::new(self.driver.system, &start.u)?;
         if self.stretching.is_some() {
-            let before = |steps: f64| {
-                start.u.iter().zip(velocity).map(|(u, v)| u - steps * self.dt * v).collect()
-            };
+            let before =
+                |steps: f64| start.u.iter().zip(velocity).map(|(u, v)| u - steps * self.dt * v).collect();
             self.midpoints = [0.5, 1.5].map(before);
+            self.ahead.clone_from(&start.u);
         }
         copy_scaled(0.5 * self.dt, velocity, &mut self.driver.x);
         self.instants.begin(&start.instant)
@@ -76,6 +77,8 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         let mut balance = StepBalance::zero(system);
         let of_x = 1.0 + 2.0 * damping.stiffness / self.dt;
         waxpy(of_x, &self.driver.x, from, &mut balance.displacement);
+        let factor = self.stretching.as_ref().map_or(0.0, Quadratisation::factor);
+        balance.stretch(system, factor, &self.ahead);
         if !balance.rates.is_empty() {
             balance.rates = self.mean_rate();
         }

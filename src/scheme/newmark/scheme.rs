@@ -66,6 +66,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
         driver.report_to(&first, &mut record);
         record.reaction.copy_from_slice(&driver.reaction);
         first.levels.stretch(&driver.x, [0.5, 0.0])?;
+        // Half a trapezoidal step has the force of its end.
+        first.levels.stretching.iter_mut().for_each(|stretching| stretching.applied = stretching.root);
         first.update(&mut driver);
         driver.restart_modal_damping(&levels)?;
         levels.store(&record.admissible, driver.sliding.as_ref())?;
@@ -187,11 +189,12 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     /// Returns the balance of the equation of the step from `$U^n$`, which is that of the instant
     /// n.
     fn balance(&mut self) -> Result<StepBalance> {
-        let Levels { system, parameters, u_n, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, stretching, instants, .. } = &self.levels;
         let NewmarkParameters { beta, step: dt, .. } = *parameters;
         let System { engine, mass, damping, drive, .. } = system;
         let is_start = self.record.step == 0;
         let mut balance = StepBalance::zero(system);
+        balance.stretch(system, stretching.as_ref().map_or(0.0, Quadratisation::factor), u_n);
         let mut inertia = vec![0.0; u_n.len()];
         for (i, [d, e]) in self.increments().enumerate() {
             // The unknown and the damped rate of the first step are those of `start`.

@@ -129,7 +129,8 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
 
     // M and K.
     // The modes of a buckled plate are those of the plate without its forces.
-    let is_buckled = buckling::is_buckled(ground, &engine, mechanism)? && ground.scene.time.mass == Mass::Modal;
+    let is_buckled =
+        buckling::is_buckled(ground, &engine, mechanism)? && ground.scene.time.mass == Mass::Modal;
     let [unpressed, geometric] = if is_buckled { ground.without_prestress() } else { Default::default() };
     let stiffness = engine.native().form(if is_buckled { unpressed } else { ground.stiffness() });
     let (mass, doubt) = inertia::mass(&engine, ground, &stiffness, mechanism.is_some())?;

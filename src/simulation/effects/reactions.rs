@@ -12,6 +12,7 @@ use super::contributions::PointTerm;
 use super::ground::BuildContext;
 use super::loads::Loads;
 use super::motion::Lift;
+use super::stretching::NodalEnergy;
 use crate::assembly::{self, CellArrays};
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE, Place};
@@ -27,6 +28,9 @@ use std::rc::Rc;
 
 /// Function that sums values at the nodes over all processes. Collective.
 type NodeSum = dyn Fn(&[f64]) -> Result<Vec<f64>>;
+
+/// Function that returns forces at all nodes, three per node, for a displacement. Collective.
+type ForceAtNodes = dyn Fn(&[f64]) -> Result<Vec<f64>>;
 
 /// Function that subtracts the loads at instants (s) with weights at the held nodes. Collective.
 type LoadOfInstants = dyn Fn(&[(f64, f64)], &mut [f64]) -> Result<()>;
@@ -90,6 +94,9 @@ pub(in crate::simulation) struct Reactions {
     /// Inertia of each mode of the modal mass at the held nodes; empty for other masses.
     modes: Vec<Vec<f64>>,
     lifts: Vec<HeldLift>,
+    /// Forces of stretching at all nodes of this process for a displacement over the dofs, three
+    /// per node; `None` for a plate that only bends. Collective.
+    stretching: Option<Box<ForceAtNodes>>,
     loads: Box<LoadOfInstants>,
     sum_at_nodes: Box<NodeSum>,
     /// Number of nodes of this process.
@@ -142,6 +149,10 @@ impl Reactions {
             masses: terms.masses().cloned().collect(),
             modes: Vec::new(),
             lifts: Vec::new(),
+            stretching: NodalEnergy::new(ground).map(|energy| {
+                let at_nodes: Box<ForceAtNodes> = Box::new(move |u| energy.at_nodes(u));
+                at_nodes
+            }),
             loads: Box::new(move |instants, force| loads.subtract(instants, force)),
             sum_at_nodes: Box::new(move |values| by_partition.sum_at_nodes(values)),
             count: mesh.nodes.len(),
@@ -191,6 +202,10 @@ impl Reactions {
             Form::Modal { .. } => {
                 self.modes.iter().zip(a).for_each(|(inertia, a)| axpy(*a, inertia, &mut force));
             }
+        }
+        if let (Some(at_nodes), false) = (&self.stretching, balance.stretched.is_empty()) {
+            let pull = at_nodes(&balance.stretched)?;
+            axpy(balance.stretching, &self.rows(|force| force.copy_from_slice(&pull)), &mut force);
         }
         for (k, lift) in self.lifts.iter().enumerate() {
             axpy(self.stretch(k, damping.stiffness, balance), &lift.force, &mut force);

@@ -38,11 +38,7 @@ impl<P: Partition> NodalEnergy<P> {
     fn whole(&self, u: &[f64]) -> Vec<f64> {
         let NodalEnergy { plate, partition, space } = self;
         let value = |dof| partition.own_dof(dof).map_or(0.0, |own_dof| u[own_dof]);
-        let part = space.shape(&(0..space.dofs()).map(value).collect::<Vec<_>>());
-        // The one process that owns a node gives its values.
-        let mut shape = vec![0.0; PER_NODE * plate.count];
-        self.places(0..plate.nodes.len()).zip(part).for_each(|(place, value)| shape[place] += value);
-        if P::DIVIDES { partition.comm().all_reduce_sum_slice(&shape) } else { shape }
+        plate.whole(partition, &space.shape(&(0..space.dofs()).map(value).collect::<Vec<_>>()))
     }
 
     /// Returns the geometric stiffness of the membrane force at a displacement (m), cell by cell of
@@ -66,12 +62,35 @@ impl<P: Partition> NodalEnergy<P> {
     }
 }
 
-impl<P: Partition> StretchingEnergy for NodalEnergy<P> {
-    fn evaluate(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
+impl<P: Partition> NodalEnergy<P> {
+    /// Returns V, in J, and the forces V' at all nodes of this process, three per node.
+    fn forces(&self, u: &[f64]) -> Result<(f64, Vec<f64>)> {
         let shape = self.whole(u);
         let mut force = vec![0.0; shape.len()];
         let energy = self.partition.comm().all_ok(self.plate.membrane.evaluate(&shape, &mut force))?;
-        let part: Vec<f64> = self.places(0..self.plate.nodes.len()).map(|place| force[place]).collect();
+        let nodes = 0..self.plate.nodes.len();
+        Ok((energy, self.places(nodes).map(|place| force[place]).collect()))
+    }
+
+    /// Returns the forces V' at all nodes, three per node, on the process that owns the node.
+    /// Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the membrane.
+    pub fn at_nodes(&self, u: &[f64]) -> Result<Vec<f64>> {
+        let (_, mut forces) = self.forces(u)?;
+        for (node, force) in forces.chunks_exact_mut(PER_NODE).enumerate() {
+            if !self.partition.owns_node(node) {
+                force.fill(0.0);
+            }
+        }
+        Ok(forces)
+    }
+}
+
+impl<P: Partition> StretchingEnergy for NodalEnergy<P> {
+    fn evaluate(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
+        let (energy, part) = self.forces(u)?;
         gradient.fill(0.0);
         for (dof, value) in self.space.restrict(&part).into_iter().enumerate() {
             self.partition.own_dof(dof).into_iter().for_each(|own_dof| gradient[own_dof] = value);
