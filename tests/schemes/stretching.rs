@@ -1,7 +1,9 @@
 //! Plates whose mid-plane stretches, in modes: equilibria and frequencies of another program, the
 //! energy through impacts, and restarts.
 
-use crate::common::scenes::{Drawing, Instant, all_round, close, grid, inspect, refusal, run, run_to_end};
+use crate::common::scenes::{
+    Drawing, Instant, STILL, all_round, close, grid, inspect, refusal, run, run_to_end,
+};
 use serde_json::Value;
 use std::f64::consts::PI;
 
@@ -393,4 +395,57 @@ fn what_does_not_stretch_is_refused() {
     let without = scene("clamped", "held", 4, time).replace("in_plane.stretching = true\n", "");
     let error = refusal(&without).to_string();
     assert!(error.contains("support.0.in_plane") && error.contains("in_plane.stretching"), "{error}");
+}
+
+/// Sum of products of sines with amplitudes in m, and `$[w, w] / 2 = w_{xx} w_{yy} - w_{xy}^2$`.
+fn sines(terms: &[(i32, i32, f64)]) -> [String; 2] {
+    let sum = |f: &str, factor: &dyn Fn(f64, f64) -> f64| {
+        let term = |&(m, n, a): &(i32, i32, f64)| {
+            format!("{:?}*{f}({m}*pi*x)*{f}({n}*pi*y)", a * factor(m.into(), n.into()))
+        };
+        terms.iter().map(term).collect::<Vec<_>>().join(" + ")
+    };
+    let [xx, yy] = [sum("sin", &|m, _| -(PI * m).powi(2)), sum("sin", &|_, n| -(PI * n).powi(2))];
+    let xy = sum("cos", &|m, n| PI * PI * m * n);
+    [sum("sin", &|_, _| 1.0), format!("({xx})*({yy}) - ({xy})^2")]
+}
+
+/// The energy of stretching is the complementary energy of Airy's function, the deflection of a
+/// plate with D = 1/(E h) and -nu under the load `$-[w, w] / 2$`, free where the membrane is held
+/// and clamped where it is free. On elements it is too small.
+#[test]
+fn airys_function_bounds_the_energy() {
+    let [shape, bracket] = sines(&[(1, 1, 0.008), (2, 1, 0.004)]);
+    let corners = ["[0, 0]", "[1, 0]", "[0, 1]"]
+        .map(|place| format!("{{ at = {place}, kind = \"simply_supported\" }}"));
+    let corners = format!("support = [{}]\n", corners.join(", "));
+    // E h^3 = 12 (1 - nu^2) D for a plate 1 m thick.
+    let modulus = 12.0 * 0.91 / (10.92e6 * THICKNESS);
+    for (in_plane, supports) in [("held", corners), ("free", all_round("clamped"))] {
+        let airy = |cells| {
+            let text = format!(
+                "plate = {{ length = 1, width = 1, thickness = 1, youngs_modulus = {modulus:?}, poissons_ratio = -0.3, \
+                 density = 1 }}\n{}{supports}load.pressure = \"-({bracket})\"\ninitial.equilibrium = true\n{STILL}",
+                grid("fvs", cells, cells)
+            );
+            run(&text)[0].elastic
+        };
+        let bounds = [8, 16, 32].map(airy);
+        assert!(bounds[0] < bounds[1] && bounds[1] < bounds[2], "{bounds:?}");
+        let exact = (4.0 * bounds[2] - bounds[1]) / 3.0;
+        let stretched = |cells| {
+            let rest = format!(
+                "initial.deflection = \"{shape}\"\n\
+                 time = {{ scheme = 'conserving', mass = 'modal', modes = 3, step = 1e-3, end = 1e-3 }}"
+            );
+            let text = scene("simply_supported", in_plane, cells, &rest);
+            let held = format!("in_plane = \"{in_plane}\", ");
+            let bent = text.replace("in_plane.stretching = true\n", "").replace(&held, "");
+            run(&text)[0].elastic - run(&bent)[0].elastic
+        };
+        let [coarse, fine] = [8, 16].map(stretched);
+        println!("{in_plane}: {bounds:?}, {coarse}, {fine} of {exact}");
+        assert!((fine / exact - 1.0).abs() <= 0.25 * (coarse / exact - 1.0).abs(), "{coarse}, {fine}");
+        close(in_plane, fine, exact, 1e-3);
+    }
 }
