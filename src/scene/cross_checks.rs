@@ -57,7 +57,7 @@ fn check_temperature(doc: &Document, scene: &Scene) -> Result<()> {
 fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
     for (index, support) in scene.supports.iter().enumerate().filter(|(_, one)| one.in_plane.is_some()) {
         let key = format!("support.{index}.in_plane");
-        if !scene.in_plane.as_ref().is_some_and(|in_plane| in_plane.stretching || in_plane.is_solved()) {
+        if !scene.in_plane.as_ref().is_some_and(InPlane::has_equilibrium) {
             let wrong = "has no use without in_plane.stretching, temperature or traction";
             return Err(doc.fault(&key, wrong));
         }
@@ -65,6 +65,10 @@ fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
             let wrong = "a point has no stiffness in the plane of a plate; expected a support along an edge";
             return Err(doc.fault(&key, wrong));
         }
+    }
+    let is_membrane = |probe: &Probe| matches!(probe.quantity, ProbeQuantity::Membrane(_));
+    if let (None, Some(index)) = (&scene.in_plane, scene.output.probes.iter().position(is_membrane)) {
+        return Err(doc.fault(&format!("output.probes.{index}.quantity"), "has no use without in_plane"));
     }
     if !scene.stretches() {
         return Ok(());

@@ -32,13 +32,13 @@ table! {
     pub struct Tension {
         /// Force along x across lines along y, a field of x, y.
         xx: FieldInput = number("a membrane force", "N/m").field(Names::XY)
-            .or_silent(FieldInput::new("in_plane.tension.xx", 0.0));
+            .or(FieldInput::new("in_plane.tension.xx", 0.0));
         /// Force along y across lines along x, a field of x, y.
         yy: FieldInput = number("a membrane force", "N/m").field(Names::XY)
-            .or_silent(FieldInput::new("in_plane.tension.yy", 0.0));
+            .or(FieldInput::new("in_plane.tension.yy", 0.0));
         /// Shear force, a field of x, y.
         xy: FieldInput = number("a membrane force", "N/m").field(Names::XY)
-            .or_silent(FieldInput::new("in_plane.tension.xy", 0.0));
+            .or(FieldInput::new("in_plane.tension.xy", 0.0));
     }
 }
 
@@ -71,6 +71,11 @@ impl InPlane {
         self.temperature.as_ref().is_some_and(|given| !given.is_zero()) || !self.tractions.is_empty()
     }
 
+    /// Returns whether supports in the plane count, be the temperature 0.
+    pub fn has_equilibrium(&self) -> bool {
+        self.stretching || self.temperature.is_some() || !self.tractions.is_empty()
+    }
+
     /// Returns the key of the forces, for messages: of several the one that says most.
     pub fn key(&self) -> &'static str {
         match (&self.temperature, self.tractions.is_empty()) {
@@ -80,9 +85,10 @@ impl InPlane {
         }
     }
 
-    /// Refuses a table that changes nothing.
+    /// Refuses a table that says nothing.
     pub(super) fn check(&self, doc: &Document) -> Result<()> {
-        if !self.stretching && self.temperature.is_none() && !self.is_prestressed() {
+        let is_given = |name: &&str| doc.get(&format!("in_plane.tension.{name}")).is_some();
+        if !self.has_equilibrium() && !["xx", "yy", "xy"].iter().any(is_given) {
             let wrong = "expected at least one of xx, yy and xy, in N/m";
             return Err(doc.missing("in_plane.tension", wrong));
         }

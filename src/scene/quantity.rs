@@ -20,6 +20,8 @@ pub enum ProbeQuantity {
     SlopeY,
     /// Bending moment, in N m/m.
     Moment(StressComponent),
+    /// Membrane force, in N/m.
+    Membrane(StressComponent),
     /// Stress at a surface, in Pa.
     Stress(StressComponent, PlateSurface),
     /// Von Mises stress at a surface, in Pa.
@@ -62,6 +64,9 @@ impl Choice for ProbeQuantity {
         ("moment_xy", Self::Moment(Xy)),
         ("moment_max", Self::Moment(Max)),
         ("moment_min", Self::Moment(Min)),
+        ("membrane_xx", Self::Membrane(Xx)),
+        ("membrane_yy", Self::Membrane(Yy)),
+        ("membrane_xy", Self::Membrane(Xy)),
         ("stress_xx_top", Self::Stress(Xx, Top)),
         ("stress_yy_top", Self::Stress(Yy, Top)),
         ("stress_xy_top", Self::Stress(Xy, Top)),
@@ -94,6 +99,7 @@ impl ProbeQuantity {
             Self::Acceleration => ("acceleration", "m/s2"),
             Self::SlopeX | Self::SlopeY => ("slope", ""),
             Self::Moment(_) => ("moment", "N m/m"),
+            Self::Membrane(_) => ("membrane force", "N/m"),
             Self::Stress(..) | Self::VonMises(_) => ("stress", "Pa"),
         }
     }

@@ -28,9 +28,9 @@ table! {
         /// Displacement of the support along z, a field of t without jumps, by default 0; not for
         /// `"guided"` supports, nor where the edge has a `stiffness`.
         motion: Option<FieldInput> = number("a deflection", "m").field(Names::T).optional();
-        /// Along an edge of a plate that [stretches](#in_plane): `"held"`, `"normal"` to an edge
-        /// along x or y, or `"free"` in the plane; by default held where the edge is clamped or
-        /// simply supported. Points hold nothing in the plane.
+        /// Along an edge of a plate with [stretching, a temperature or traction](#in_plane):
+        /// `"held"`, `"normal"` to an edge along x or y, or `"free"` in the plane; by default held
+        /// where the edge is clamped or simply supported. Points hold nothing in the plane.
         in_plane: Option<InPlaneHold> = word().optional();
     } then moved
 }

@@ -2,7 +2,7 @@
 
 use super::effects::{BuildContext, Lift};
 use super::nodal_motion::NodalMotion;
-use super::stresses::{MidplaneStresses, PlateCurvatures};
+use super::stresses::{Measure, MidplaneStresses, PlateCurvatures};
 use crate::archive::Archive;
 use crate::assembly::Probe;
 use crate::communicator::Communicator;
@@ -23,11 +23,11 @@ pub(super) type FramedProbe = (Probe, Vec<f64>);
 struct Reading {
     quantity: ProbeQuantity,
     /// Deflection, slope, or the components xx, yy and xy of the moments or of the stresses at the
-    /// upper surface.
+    /// upper surface; empty for membrane forces.
     terms: Vec<FramedProbe>,
-    /// Stresses of the mid-plane by forces that are given, in Pa.
+    /// Stresses (Pa) or forces (N/m) of the mid-plane that do not depend on the deflection.
     middle: Moments,
-    /// Stresses of the mid-plane by stretching in all cells around; `None` without.
+    /// The same by stretching in all cells around; `None` without.
     stretched: Option<MidplaneStresses>,
 }
 
@@ -85,18 +85,24 @@ impl Readings {
                         .map(|component| ground.framed(Some(component), None, &shapes))
                         .collect::<Result<_>>()?
                 }
+                (ProbeQuantity::Membrane(_), _) => Vec::new(),
                 _ => vec![deflection.clone()],
             };
-            let middle = curvatures
-                .map_or(Ok(Moments::default()), |curvatures| curvatures.middle_at(ground, probe.at))?;
-            let is_stress = matches!(quantity, ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_));
-            let stretched = curvatures.filter(|_| is_stress && ground.scene.stretches());
-            let point = Point::from(probe.at);
-            let around: Vec<(usize, Point)> = ground.mesh.cells_at(point).map(|cell| (cell, point)).collect();
-            let stretched = stretched
-                .map(|curvatures| curvatures.stretching_of(ground.mesh, around.into_iter()))
-                .transpose()?;
-            Ok(Reading { quantity, terms, middle, stretched })
+            let measure = match quantity {
+                ProbeQuantity::Membrane(_) => Some(Measure::Force),
+                ProbeQuantity::Stress(..) | ProbeQuantity::VonMises(_) => Some(Measure::Stress),
+                _ => None,
+            };
+            let mut reading = Reading { quantity, terms, middle: Moments::default(), stretched: None };
+            let (Some(curvatures), Some(measure)) = (curvatures, measure) else { return Ok(reading) };
+            reading.middle = curvatures.middle_at(ground, probe.at, measure)?;
+            if ground.scene.stretches() {
+                let point = Point::from(probe.at);
+                let around: Vec<_> = ground.mesh.cells_at(point).map(|cell| (cell, point)).collect();
+                reading.stretched =
+                    Some(curvatures.stretching_of(ground.mesh, around.into_iter(), measure)?);
+            }
+            Ok(reading)
         };
         let readings = ground.scene.output.probes.iter().zip(deflections).map(reading);
         let motions = lifts.iter().map(|lift| lift.motion.clone()).collect();
@@ -236,7 +242,7 @@ impl Accelerations {
 }
 
 impl Reading {
-    /// Returns the quantity from the sums of its terms over all ranks and the stresses of the
+    /// Returns the quantity from the sums of its terms over all ranks and the part of the
     /// mid-plane by stretching.
     fn value(&self, sums: &[f64], stretched: Moments) -> f64 {
         let middle = self.middle.plus(stretched);
@@ -251,6 +257,7 @@ impl Reading {
         };
         match self.quantity {
             ProbeQuantity::Moment(component) => part(moments, component),
+            ProbeQuantity::Membrane(component) => part(middle, component),
             ProbeQuantity::Stress(component, surface) => part(moments.at(surface, middle), component),
             ProbeQuantity::VonMises(surface) => moments.at(surface, middle).von_mises(),
             _ => xx,

@@ -12,7 +12,7 @@ use crate::membrane::MembranePoint;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
-use crate::scene::Scene;
+use crate::scene::{ProbeQuantity, Scene};
 use crate::stress::Moments;
 use nalgebra::Matrix3;
 use std::borrow::Cow;
@@ -34,23 +34,45 @@ pub(super) struct PlateCurvatures<'s> {
     pub parts: usize,
 }
 
-/// Returns whether a scene asks for moments or stresses.
+/// Returns whether a scene asks for moments, membrane forces or stresses.
 fn asks(scene: &Scene) -> bool {
     let output = &scene.output;
+    let asks = |quantity: ProbeQuantity| {
+        quantity.is_of_curvature() || matches!(quantity, ProbeQuantity::Membrane(_))
+    };
     output.extremes
         || output.fields.is_some_and(|fields| fields.stresses)
-        || output.probes.iter().any(|probe| probe.quantity.is_of_curvature())
+        || output.probes.iter().any(|probe| asks(probe.quantity))
 }
 
-/// Stresses of the mid-plane at some places: of forces that are given, and of stretching.
+/// Measure of what acts in the mid-plane.
+#[derive(Clone, Copy)]
+pub(super) enum Measure {
+    /// Stress, in Pa.
+    Stress,
+    /// Force per length, in N/m.
+    Force,
+}
+
+impl Measure {
+    /// Returns the factor of a force per length.
+    fn per_force(self, section: &Section) -> f64 {
+        match self {
+            Measure::Stress => 1.0 / section.thickness,
+            Measure::Force => 1.0,
+        }
+    }
+}
+
+/// Stresses or forces of the mid-plane at some places: given ones, and by stretching.
 pub(super) struct MidplaneStresses {
-    /// Stresses that do not depend on the deflection, in Pa; empty without any.
+    /// Part that does not depend on the deflection, in Pa or N/m; empty without any.
     constant: Vec<Moments>,
     /// Membrane of a plate that stretches, and its points.
     stretched: Option<(MembraneOfParts, Vec<MidplanePoint>)>,
 }
 
-/// Point of the membrane with the thickness there, in m.
+/// Point of the membrane with the factor of the force there.
 type MidplanePoint = (MembranePoint, f64);
 
 /// Function that returns deflections and slopes of the whole plate, three per node, given those of
@@ -61,8 +83,8 @@ type ShapeOfParts = dyn Fn(&[f64]) -> Vec<f64>;
 type MembraneOfParts = (PlateMembrane, Rc<ShapeOfParts>);
 
 impl MidplaneStresses {
-    /// Returns the stresses for deflections and slopes at all nodes of this process, three per
-    /// node, in Pa; empty where all are zero. Collective.
+    /// Returns the values for deflections and slopes at all nodes of this process, three per node,
+    /// in Pa or N/m; empty where all are zero. Collective.
     ///
     /// # Errors
     /// Returns the errors of the membrane.
@@ -70,17 +92,17 @@ impl MidplaneStresses {
         let Some(((plate, whole), points)) = &self.stretched else { return Ok((&self.constant).into()) };
         let shape = whole(shape);
         let displacement = plate.membrane.follow(&shape)?;
-        let stress = |(number, (point, thickness)): (usize, &MidplanePoint)| {
+        let value = |(number, (point, factor)): (usize, &MidplanePoint)| {
             let [xx, yy, xy] = point.stretching_force(&displacement, &shape);
             let constant = self.constant.get(number).copied().unwrap_or_default();
-            Moments { xx, yy, xy }.times(1.0 / thickness).plus(constant)
+            Moments { xx, yy, xy }.times(*factor).plus(constant)
         };
-        Ok(points.iter().enumerate().map(stress).collect::<Vec<_>>().into())
+        Ok(points.iter().enumerate().map(value).collect::<Vec<_>>().into())
     }
 }
 
 impl<'s> PlateCurvatures<'s> {
-    /// Prepares the recovery if the scene asks for moments or stresses. Collective.
+    /// Prepares the recovery if the scene asks for it. Collective.
     pub fn if_asked<P: Partition>(ground: &BuildContext<'s, P>) -> Result<Option<PlateCurvatures<'s>>> {
         if asks(ground.scene) { PlateCurvatures::new(ground).map(Some) } else { Ok(None) }
     }
@@ -99,14 +121,13 @@ impl<'s> PlateCurvatures<'s> {
         Ok(PlateCurvatures { membrane: ground.membrane.clone(), following, body, recovery, parts })
     }
 
-    /// Returns the stresses of the mid-plane at a point of a cell, in Pa: 0 without forces in the
-    /// plane.
-    pub fn middle(&self, cell: usize, point: Point) -> Result<Moments> {
+    /// Returns a measure of the forces at a point of a cell that do not depend on the deflection.
+    pub fn middle(&self, cell: usize, point: Point, measure: Measure) -> Result<Moments> {
         if !self.membrane.is_any() {
             return Ok(Moments::default());
         }
         let [xx, yy, xy] = self.membrane.at(cell, point)?;
-        Ok(Moments { xx, yy, xy }.times(1.0 / self.body.section(cell, point)?.thickness))
+        Ok(Moments { xx, yy, xy }.times(measure.per_force(&self.body.section(cell, point)?)))
     }
 
     /// Returns the stresses of the mid-plane at places, each a cell and a point of it.
@@ -118,14 +139,15 @@ impl<'s> PlateCurvatures<'s> {
         mesh: &Mesh,
         places: impl Iterator<Item = (usize, Point)> + Clone,
     ) -> Result<MidplaneStresses> {
+        let middle = |(cell, point)| self.middle(cell, point, Measure::Stress);
         let constant = match self.membrane.is_any() {
-            true => places.clone().map(|(cell, point)| self.middle(cell, point)).collect::<Result<_>>()?,
+            true => places.clone().map(middle).collect::<Result<_>>()?,
             false => Vec::new(),
         };
-        Ok(MidplaneStresses { constant, ..self.stretching_of(mesh, places)? })
+        Ok(MidplaneStresses { constant, ..self.stretching_of(mesh, places, Measure::Stress)? })
     }
 
-    /// Returns the stresses of the mid-plane by stretching alone at places.
+    /// Returns a measure of the forces by stretching alone at places.
     ///
     /// # Errors
     /// Returns the errors of the cells.
@@ -133,6 +155,7 @@ impl<'s> PlateCurvatures<'s> {
         &self,
         mesh: &Mesh,
         places: impl Iterator<Item = (usize, Point)>,
+        measure: Measure,
     ) -> Result<MidplaneStresses> {
         let constant = Vec::new();
         let Some((plate, whole)) = &self.following else {
@@ -141,20 +164,25 @@ impl<'s> PlateCurvatures<'s> {
         let point = |(cell, point)| {
             let section = self.body.section(cell, point)?;
             let of_part = MembranePoint::new(mesh, cell, point, &section)?;
-            Ok((of_part.renumbered(&plate.nodes), section.thickness))
+            Ok((of_part.renumbered(&plate.nodes), measure.per_force(&section)))
         };
         let points = places.map(point).collect::<Result<_>>()?;
         Ok(MidplaneStresses { constant, stretched: Some(((plate.clone(), whole.clone()), points)) })
     }
 
-    /// Returns the stresses of the mid-plane at a point of the plate, in Pa: the mean over all
-    /// cells that contain the point. Collective.
-    pub fn middle_at<P: Partition>(&self, ground: &BuildContext<P>, place: [f64; 2]) -> Result<Moments> {
+    /// Returns [`Self::middle`] at a point of the plate: the mean over all cells that contain the
+    /// point. Collective.
+    pub fn middle_at<P: Partition>(
+        &self,
+        ground: &BuildContext<P>,
+        place: [f64; 2],
+        measure: Measure,
+    ) -> Result<Moments> {
         let (comm, point) = (ground.partition.comm(), Point::from(place));
         if !self.membrane.is_any() {
             return Ok(Moments::default());
         }
-        let around = ground.mesh.cells_at(point).map(|cell| self.middle(cell, point));
+        let around = ground.mesh.cells_at(point).map(|cell| self.middle(cell, point, measure));
         let around: Vec<Moments> = comm.all_ok(around.collect())?;
         let sums = around
             .iter()

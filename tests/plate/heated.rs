@@ -126,6 +126,21 @@ fn a_jump_of_temperature_keeps_its_mirror_image() {
     }
 }
 
+/// A sweep passes through zero: supports in the plane stay, and the plate only bends.
+#[test]
+fn no_temperature_and_no_tension_are_nothing() {
+    let frequency = |supports: &str, more: &str| {
+        let scene = square("fvs", [4, 4]) + supports + more;
+        inspect(&scene.replace(", expansion = 0.00001", "")).consistent.lowest[0]
+    };
+    let supports = all_round("clamped");
+    let bent = frequency(&supports, "");
+    let free = supports.replace(" }", ", in_plane = \"free\" }");
+    let cold = inspect(&(square("fvs", [4, 4]) + &free + "in_plane.temperature = 0\n")).consistent.lowest[0];
+    assert_eq!(cold, bent);
+    assert_eq!(frequency(&supports, "in_plane.tension.xx = 0\n"), bent);
+}
+
 #[test]
 fn what_cannot_be_heated_or_loaded_is_refused() {
     let supports = all_round("simply_supported");

@@ -139,8 +139,16 @@ fn a_buckled_plate_is_refused_with_its_load() {
 /// At rest the stresses of both surfaces are N / h; bending adds to them with opposite signs.
 #[test]
 fn stresses_have_their_membrane_part() {
-    let quantities =
-        ["stress_xx_top", "stress_yy_bottom", "stress_xy_top", "von_mises_top", "von_mises_bottom"];
+    let quantities = [
+        "stress_xx_top",
+        "stress_yy_bottom",
+        "stress_xy_top",
+        "von_mises_top",
+        "von_mises_bottom",
+        "membrane_xx",
+        "membrane_yy",
+        "membrane_xy",
+    ];
     let probes = quantities
         .map(|quantity| format!("{{ name = \"{quantity}\", at = [0.3, 0.4], quantity = \"{quantity}\" }}"));
     let probes = probes.join(", ");
@@ -151,8 +159,8 @@ fn stresses_have_their_membrane_part() {
     let rest = run(&text(""))[0].probes.clone();
     let [xx, yy, xy]: [f64; 3] = [3e4, 2e4, -1e4];
     let von_mises = (xx * xx - xx * yy + yy * yy + 3.0 * xy * xy).sqrt();
-    for (value, known) in rest.iter().zip([xx, yy, xy, von_mises, von_mises]) {
-        close("at rest", *value, known, 1e-12);
+    for (value, expected) in rest.iter().zip([xx, yy, xy, von_mises, von_mises, 300.0, 200.0, -100.0]) {
+        close("at rest", *value, expected, 1e-12);
     }
     let bent = run(&text("initial.static_pressure = 100\n"))[0].probes.clone();
     let flat = run(&text("initial.static_pressure = 100\n")
@@ -160,6 +168,7 @@ fn stresses_have_their_membrane_part() {
         .probes
         .clone();
     assert!(bent[3] != bent[4] && flat[0] != bent[0]);
+    assert_eq!(bent[5..], rest[5..]);
     assert!((bent[0] - xx).abs() > 1e3, "{bent:?}");
 }
 

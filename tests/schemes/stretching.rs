@@ -340,8 +340,7 @@ fn small_equilibria_on_stops_are_linear() {
 #[test]
 fn stresses_have_the_part_of_stretching() {
     let [modulus, thickness, height, tension] = [70e9_f64, 2e-3, 4e-3, 3e3];
-    let probe =
-        |name: &str| format!("{{ name = \"{name}\", at = [0.3125, 0.1], quantity = \"stress_xx_{name}\" }}");
+    let probe = |name: &str| format!("{{ name = \"{name}\", at = [0.3125, 0.1], quantity = \"{name}\" }}");
     let text = |cells: usize| {
         format!(
             "plate = {{ length = 1, width = 0.2, thickness = {thickness:?}, youngs_modulus = {modulus:?}, poissons_ratio = 0, \
@@ -349,10 +348,11 @@ fn stresses_have_the_part_of_stretching() {
              support = [{{ edge = \"left\", kind = \"simply_supported\" }}, {{ edge = \"right\", kind = \"simply_supported\" }}]\n\
              initial.deflection = \"{height:?}*sin(pi*x)\"\n\
              time = {{ scheme = \"conserving\", mass = \"modal\", modes = 2, step = 1e-5, end = 1e-5 }}\n\
-             output = {{ extremes = true, probes = [{}, {}] }}\n",
+             output = {{ extremes = true, probes = [{}, {}, {}] }}\n",
             grid("fvs", cells, 4),
-            probe("top"),
-            probe("bottom")
+            probe("stress_xx_top"),
+            probe("stress_xx_bottom"),
+            probe("membrane_xx")
         )
     };
     let middle = modulus * PI * PI * height.powi(2) / 4.0 + tension / thickness;
@@ -362,6 +362,8 @@ fn stresses_have_the_part_of_stretching() {
         let [top, bottom] = [rows[0].probes[0], rows[0].probes[1]];
         let fine = (16.0 / cells as f64).powi(2);
         close("middle", 0.5 * (top + bottom), middle, 2e-2 * fine);
+        close("force", rows[0].probes[2], middle * thickness, 2e-2 * fine);
+        close("force and stress", rows[0].probes[2], 0.5 * (top + bottom) * thickness, 1e-12);
         close("face", 0.5 * (top - bottom), face * (0.3125 * PI).sin(), 2e-2 * fine);
         // The upper face is in tension by both parts.
         let peak = outcome.extremes.unwrap().von_mises;
