@@ -71,6 +71,27 @@ fn a_sweep_writes_its_table_its_report_and_its_pictures() {
     assert_eq!(drawn.contains("does not repeat"), !(0..8).all(repeats));
 }
 
+/// Tension shifts the resonance, and a sweep over it passes through zero.
+#[test]
+fn a_sweep_over_a_tension_has_the_rows_of_its_runs() {
+    let folder = folder("tension");
+    let amplitudes = |out: &str, over: &str, set: &str| -> Vec<f64> {
+        let arguments = ["sweep", "fall.toml", "--quiet", "--out", out, "--over", over, "--set", set];
+        succeeds(&rebond(&folder, &arguments));
+        let amplitude = |line: &str| line.split(',').nth(6).unwrap().parse().unwrap();
+        table(&folder, out).lines().skip(1).map(amplitude).collect()
+    };
+    let swept = amplitudes("swept", "in_plane.tension.xx=-500,0,500", "parameters.a=50");
+    for (amplitude, tension) in swept.iter().zip(["-500", "0", "500"]) {
+        let alone =
+            amplitudes(&format!("alone{tension}"), "a=50,51", &format!("in_plane.tension.xx={tension}"))[0];
+        assert!((amplitude / alone - 1.0).abs() <= 1e-9, "{tension}: {amplitude}, {alone}");
+    }
+    let bent = amplitudes("bent", "a=50,51", "parameters.gap=5e-3")[0];
+    assert!((swept[1] / bent - 1.0).abs() <= 1e-9, "{}, {bent}", swept[1]);
+    assert!(swept[0] > 1.01 * bent && swept[2] < 0.99 * bent, "{swept:?}");
+}
+
 /// Rows, bits and all, depend neither on the number of threads nor on the order of the values.
 #[test]
 fn results_are_the_same_with_any_jobs_and_order() {

@@ -157,6 +157,16 @@ fn assert_native(folder: &Path, ranks: usize, scene: &str, settings: &[&str]) {
     }
 }
 
+/// Tension along and pressure across, half of what buckles the plate.
+#[test]
+fn multigrid_moves_a_plate_under_tension_as_factors_do() {
+    let folder = folder("tension", THROWN);
+    for (ranks, element) in [(1, "mesh.element=hct"), (2, "mesh.element=fvs")] {
+        let tension = ["in_plane.tension.xx=2e5", "in_plane.tension.xy='1e4*x'", "in_plane.tension.yy=-2e4"];
+        assert_native(&folder, ranks, "fall.toml", &[&[element], &tension[..]].concat());
+    }
+}
+
 #[test]
 fn multigrid_moves_the_plate_as_factors_do_up_to_the_second_impact() {
     let folder = folder("fall", FLIGHT);

@@ -1,7 +1,7 @@
 //! Forces in the plane of a plate: frequencies, buckling loads and stresses, compared with closed
 //! forms and with series of another program.
 
-use crate::common::scenes::{all_round, close, grid, inspect, refusal, run};
+use crate::common::scenes::{Drawing, all_round, close, grid, inspect, refusal, run};
 use serde_json::Value;
 use std::f64::consts::{PI, TAU};
 
@@ -61,6 +61,48 @@ fn frequencies_of_a_simply_supported_square() {
             }
         }
     }
+}
+
+/// Cells by another program, and drawn ones whose sides are curved or whose nodes are displaced.
+#[test]
+fn frequencies_on_distorted_meshes() {
+    let exact = (4.0 * PI.powi(4) + PI * PI * 5.0).sqrt();
+    let waves = |x: f64, y: f64| {
+        let shift = 0.04 * (TAU * x).sin() * (TAU * y).sin();
+        [x + shift, y - shift]
+    };
+    let jitter = |cells: usize| {
+        let size = 1.0 / cells as f64;
+        let shift = move |x: f64, y: f64| 0.2 * size * (1e4 * (x + 0.7 * y).sin()).sin();
+        let is_inside = |x: f64| x > 1e-9 && x < 1.0 - 1e-9;
+        move |x: f64, y: f64| match is_inside(x) && is_inside(y) {
+            true => [x + shift(x, y), y + shift(y, 2.0 * x)],
+            false => [x, y],
+        }
+    };
+    let lowest = |mesh: String| {
+        let text = scene(&all_round("simply_supported"), "xx = 10, yy = -5", "fvs", 2);
+        let drawn = text.replace(&grid("fvs", 2, 2), &mesh).replace("length = 1, width = 1, ", "");
+        TAU * inspect(&drawn).consistent.lowest[0]
+    };
+    let drawn =
+        |drawing: Drawing, name: String| lowest(format!("mesh.file = \"{}\"\n", drawing.write(&name)));
+    for triangles in [false, true] {
+        converges(&format!("waves, {triangles}"), exact, |cells| {
+            let drawing = Drawing::grid([cells; 2], [1.0; 2], triangles, waves);
+            drawn(drawing, format!("tension-waves-{triangles}-{cells}.msh"))
+        });
+        let errors = [8, 16, 32].map(|cells| {
+            let drawing = Drawing::grid([cells; 2], [1.0; 2], triangles, jitter(cells));
+            drawn(drawing, format!("tension-jitter-{triangles}-{cells}.msh")) / exact - 1.0
+        });
+        println!("jitter, {triangles}: {errors:?}");
+        assert!(errors[2] > 0.0 && errors[2] <= errors[0] / 9.0, "{errors:?}");
+    }
+    converges("Gmsh", exact, |cells| {
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/gmsh/square_41_text.msh");
+        lowest(format!("mesh = {{ file = \"{file}\", refine = {} }}\n", cells / 8 - 1))
+    });
 }
 
 /// Square of a frequency, added to the one without tension: errors are shares of the bending
