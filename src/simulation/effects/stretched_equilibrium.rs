@@ -257,7 +257,8 @@ impl<'a> Search<'a> {
                 self.reaction.resize(reaction.len(), 0.0);
                 let lengths = (0..if is_within { HALVINGS } else { 1 }).map(|k| 0.5_f64.powi(k));
                 // At the end rounding hides the descent.
-                let most = least + f64::EPSILON * least.abs();
+                let terms = dot(&self.load, &self.q).abs() + stretch.size();
+                let most = least + f64::EPSILON * (least.abs() + terms);
                 next = lengths.map(|length| self.moved(length, &step, &reaction)).find(|(q, reaction)| {
                     let rest = self.strain_of_rest(&contact, reaction);
                     !is_within || self.energy(q, rest, &mut stretch) <= most
