@@ -2,8 +2,8 @@
 //!
 //! The energy of a convex potential has one gamma near 1. The potential of a buckled plate is not
 //! convex between its states, where the energy may hardly change with gamma. There the rates of
-//! the modes are scaled instead, so that the kinetic energy makes up for the error of the step,
-//! which is of third order in its length.
+//! the elastic modes are scaled instead, so that the kinetic energy makes up for the error of the
+//! step, which is of third order in its length. Rigid motions keep the momentum of the plate.
 
 use super::contact_model::ContactModel;
 use super::data::ModalData;
@@ -16,7 +16,7 @@ use super::{Balance, ModalScheme};
 use crate::error::Result;
 use crate::kernels::lanes::sum;
 use crate::linalg::Engine;
-use crate::linalg::vectors::{scale, waxpby, waxpy};
+use crate::linalg::vectors::{waxpby, waxpy};
 use crate::scheme::relaxation::{RelaxedStep, root};
 use crate::vi::{BoundStatus, ComplianceSolver};
 use std::ops::Range;
@@ -163,11 +163,14 @@ impl<E: Engine> ModalScheme<'_, E> {
         let is_near = gamma.is_some_and(|gamma| (gamma - 1.0).abs() <= FAR);
         if self.stretching.is_there() && !is_near {
             let rates = self.before.v.iter().zip(&increments.v).map(|(v, dv)| v + dv);
-            let share = moved / rates.map(|rate| 0.5 * rate * rate).sum::<f64>();
+            let elastic = rates.zip(&self.modes.squares).filter(|(_, square)| **square > 0.0);
+            let share = moved / elastic.map(|(rate, _)| 0.5 * rate * rate).sum::<f64>();
             if share.abs() <= SCALED {
                 step.move_to(1.0)?;
                 self.take(1.0, next);
-                scale((1.0 - share).sqrt(), &mut self.now.v);
+                let rates = self.now.v.iter_mut().zip(&self.modes.squares);
+                let factor = (1.0 - share).sqrt();
+                rates.filter(|(_, square)| **square > 0.0).for_each(|(rate, _)| *rate *= factor);
                 return Ok(Some((1.0, obstacles)));
             }
         }
