@@ -77,6 +77,7 @@ impl Field {
             Name::X => code::Number::constant(point.x),
             Name::Y => code::Number::constant(point.y),
             Name::T => Enclosure::variable(0, from, to),
+            Name::W => code::Number::constant(super::FLAT),
         })
     }
 }

@@ -71,6 +71,9 @@ pub use sampling::{Missed, WINDOW};
 use sided::Sided;
 pub use table::{Interpolation, Overshoot, Table};
 
+/// Deflection w (m) of a plate for which none is given.
+const FLAT: f64 = 0.0;
+
 /// Length from which a quotation of the formula in a message is cut, in characters.
 const LONGEST_QUOTE: usize = 60;
 
@@ -98,7 +101,7 @@ fn cut(text: &str) -> String {
     }
 }
 
-/// Compiled formula of some of x, y and t, displayed as it was written.
+/// Compiled formula of some of x, y, t and w, displayed as it was written.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Field {
     text: String,
@@ -168,6 +171,22 @@ impl Field {
         later
     }
 
+    /// Returns the field at an instant (s) as a function of x, y and the deflection (m), which takes
+    /// the place of t.
+    pub fn of_deflection(&self, t: f64) -> Field {
+        let replaced = |instruction: &Instruction| match instruction {
+            Instruction::Variable(Name::T) => Instruction::Constant(t),
+            Instruction::Variable(Name::W) => Instruction::Variable(Name::T),
+            other => *other,
+        };
+        Field {
+            code: self.code.iter().map(replaced).collect(),
+            names: Names::XYT,
+            text: self.text.clone(),
+            spans: self.spans.clone(),
+        }
+    }
+
     /// Returns whether the value may depend on any of these variables.
     pub fn depends_on(&self, names: Names) -> bool {
         self.names.meets(names)
@@ -197,6 +216,7 @@ impl Field {
                 Name::X => x,
                 Name::Y => y,
                 Name::T => Lanes::constant(t),
+                Name::W => Lanes::constant(FLAT),
             });
             for ((&point, value), lane) in points.iter().zip(values).zip(lanes) {
                 *value = self.finite(point, t, lane)?;
@@ -212,6 +232,7 @@ impl Field {
             Name::X => Enclosure::variable(0, low.x, high.x),
             Name::Y => Enclosure::variable(1, low.y, high.y),
             Name::T => Enclosure::variable(2, t.low, t.high),
+            Name::W => Number::constant(FLAT),
         })
     }
 
@@ -346,6 +367,7 @@ fn variable(point: Point, t: f64) -> impl Fn(Name) -> f64 + Copy {
         Name::X => point.x,
         Name::Y => point.y,
         Name::T => t,
+        Name::W => FLAT,
     }
 }
 

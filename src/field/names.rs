@@ -9,16 +9,19 @@ pub(super) enum Name {
     X,
     Y,
     T,
+    /// Deflection at the place.
+    W,
 }
 
 impl Name {
-    pub const ALL: [Name; 3] = [Name::X, Name::Y, Name::T];
+    pub const ALL: [Name; 4] = [Name::X, Name::Y, Name::T, Name::W];
 
     pub fn word(self) -> &'static str {
         match self {
             Name::X => "x",
             Name::Y => "y",
             Name::T => "t",
+            Name::W => "w",
         }
     }
 
@@ -27,7 +30,7 @@ impl Name {
     }
 }
 
-/// Set of the variables x, y (m) and t (s).
+/// Set of the variables x, y (m), t (s) and w (m).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Names(u8);
 
@@ -40,6 +43,10 @@ impl Names {
     pub const XY: Names = Names(0b011);
     /// Place x, y and time t.
     pub const XYT: Names = Names(0b111);
+    /// Deflection w.
+    pub const W: Names = Names(0b1000);
+    /// Place x, y, time t and deflection w.
+    pub const XYTW: Names = Names(0b1111);
 
     /// Returns whether the two sets have a variable in common.
     pub fn meets(self, other: Names) -> bool {

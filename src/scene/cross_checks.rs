@@ -22,6 +22,7 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_accelerations(doc, scene)?;
     scene.in_plane.iter().try_for_each(|in_plane| in_plane.check(doc))?;
     check_temperature(doc, scene)?;
+    check_following(doc, scene)?;
     check_equilibrium(doc, scene)?;
     check_scheme(doc, scene)
 }
@@ -93,6 +94,29 @@ fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
         Some((key, expected)) => {
             Err(doc.fault(&key, format!("contradicts in_plane.stretching; expected {expected}")))
         }
+        None => Ok(()),
+    }
+}
+
+/// Refuses what does not go with a pressure that depends on the deflection.
+fn check_following(doc: &Document, scene: &Scene) -> Result<()> {
+    if !scene.load.as_ref().is_some_and(|load| load.pressure.follows_deflection()) {
+        return Ok(());
+    }
+    let why = "contradicts a load.pressure that depends on w";
+    if !matches!(scene.time.scheme.name(), SchemeName::Newmark | SchemeName::Midpoint) {
+        let wrong = format!("{why}; expected \"newmark\" or \"midpoint\"");
+        return Err(doc.fault("time.scheme", wrong));
+    }
+    if scene.time.mass == Mass::Modal {
+        let wrong = format!("{why}; expected \"singular\" or \"consistent\"");
+        return Err(doc.fault("time.mass", wrong));
+    }
+    if let SchemeSpec::Midpoint { massless: Massless::Equilibrium } = scene.time.scheme {
+        return Err(doc.fault("time.massless", format!("{why}; expected \"reflected\"")));
+    }
+    match scene.motions().next() {
+        Some(motion) => Err(doc.fault(&motion.key, format!("{why}; expected supports at rest"))),
         None => Ok(()),
     }
 }

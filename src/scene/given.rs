@@ -33,6 +33,31 @@ pub struct MeasuredTable {
     pub rows: Table,
 }
 
+/// Field at one instant, as a function of place and deflection.
+pub struct OfDeflection<'f> {
+    input: &'f FieldInput,
+    /// Formula in which t stands for the deflection.
+    field: Field,
+    factor: f64,
+}
+
+impl OfDeflection<'_> {
+    /// Returns the value and its derivative by the deflection (m) at a place (m).
+    ///
+    /// # Errors
+    /// Returns [`Error::Scene`] naming the key where the formula has no finite value or is not
+    /// smooth.
+    pub fn at(&self, place: Point, deflection: f64) -> Result<[f64; 2]> {
+        let Ok(Derivatives { value, first, .. }) = self.field.jet(place, deflection) else {
+            return Err(Error::Scene(format!(
+                "{}: \"{}\" has no finite value and slope where the deflection is {deflection:.4e} m",
+                self.input.key, self.input.formula
+            )));
+        };
+        Ok([self.factor * value, self.factor * first])
+    }
+}
+
 impl FieldInput {
     /// Creates the field of a formula.
     pub fn new(key: &str, formula: impl Into<Field>) -> FieldInput {
@@ -64,6 +89,16 @@ impl FieldInput {
     /// Returns whether the field may change with time.
     pub fn changes(&self) -> bool {
         self.table.is_some() || self.formula.depends_on(Names::T)
+    }
+
+    /// Returns whether the field may depend on the deflection.
+    pub fn follows_deflection(&self) -> bool {
+        self.formula.depends_on(Names::W)
+    }
+
+    /// Returns the field at an instant (s) as a function of place and deflection.
+    pub fn of_deflection(&self, t: f64) -> OfDeflection<'_> {
+        OfDeflection { input: self, field: self.formula.of_deflection(t), factor: self.factor(t) }
     }
 
     /// Returns whether the field is independent of the place.

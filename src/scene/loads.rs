@@ -13,9 +13,10 @@ table! {
     /// Loads on the plate.
     #[derive(Debug, Clone, PartialEq)]
     pub struct Load {
-        /// Upward pressure, a field of x, y, t; by default 0, but needed if no other key is given.
+        /// Upward pressure, a field of x, y, t and of the deflection w there (m); by default 0, but
+        /// needed if no other key is given.
         pressure: FieldInput =
-            number("a pressure", "Pa").field(Names::XYT).says("Pa, upward").or_else(no_pressure);
+            number("a pressure", "Pa").field(Names::XYTW).says("Pa, upward").or_else(no_pressure);
         /// Gravitational acceleration; it acts downwards on the plate, on the masses on it, and on
         /// balls.
         gravity: f64 = number("an acceleration", "m/s2, downward").or(0.0);

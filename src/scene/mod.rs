@@ -71,7 +71,7 @@ pub use contents::{Scene, schema, unit};
 pub use damping::{Damping, ModalRatios};
 use document::Document;
 use entry::{SceneText, Table};
-pub use given::{FieldInput, MeasuredTable, Region, Still};
+pub use given::{FieldInput, MeasuredTable, OfDeflection, Region, Still};
 pub use in_plane::{InPlane, Traction};
 pub use initial::{Initial, StartFrom};
 pub use loads::{Force, Load, Moment};

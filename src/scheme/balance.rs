@@ -35,6 +35,9 @@ pub struct StepBalance {
     pub stretched: Vec<f64>,
     /// Factor of the force of stretching, dimensionless.
     pub stretching: f64,
+    /// Instant (s) and displacement (m, one entry per dof) of the load that depends on the
+    /// deflection; `None` without such a load.
+    pub followed: Option<(f64, Vec<f64>)>,
     /// Instants (s) of the time-dependent loads, and their weights.
     pub loads: Vec<(f64, f64)>,
     /// Places of the supports, in m, one entry per motion.
@@ -55,6 +58,7 @@ impl StepBalance {
             rates: if system.drive.dashpots.is_some() { vec![0.0; system.engine.dofs()] } else { Vec::new() },
             stretched: Vec::new(),
             stretching: 0.0,
+            followed: None,
             loads: Vec::new(),
             places: motions.clone(),
             support_rates: motions.clone(),
@@ -71,6 +75,7 @@ impl StepBalance {
         let mut balance = StepBalance::zero(system);
         balance.displacement.copy_from_slice(u);
         balance.stretch(system, 1.0, u);
+        balance.follow(system, 0.0, u);
         balance.loads.push((0.0, 1.0));
         balance.places = system.drive.places(0.0)?;
         Ok(balance)
@@ -81,6 +86,7 @@ impl StepBalance {
         let mut balance = StepBalance::zero(system);
         balance.displacement.copy_from_slice(&start.u);
         balance.stretch(system, 1.0, &start.u);
+        balance.follow(system, 0.0, &start.u);
         balance.loads.push((0.0, 1.0));
         balance.places.copy_from_slice(&start.instant.places);
         balance.support_rates = system.drive.rates(0.0)?;
@@ -94,6 +100,12 @@ impl StepBalance {
             self.stretching = factor;
             self.stretched = u.to_vec();
         }
+    }
+
+    /// Sets the load that depends on the deflection: the one at an instant (s) and a displacement
+    /// (m).
+    pub(super) fn follow<E: Engine>(&mut self, system: &System<E>, t: f64, u: &[f64]) {
+        self.followed = system.drive.following.is_some().then(|| (t, u.to_vec()));
     }
 
     /// Adds the change of the support frame from one velocity to another (m/s, one entry per
@@ -149,6 +161,10 @@ impl StepBalance {
         if !self.stretched.is_empty() {
             archive.vector(VectorKind::Dofs, &mut self.stretched)?;
             archive.value(&mut self.stretching)?;
+        }
+        if let Some((t, u)) = &mut self.followed {
+            archive.value(t)?;
+            archive.vector(VectorKind::Dofs, u)?;
         }
         archive.value(&mut self.loads)?;
         for vector in [&mut self.places, &mut self.support_rates, &mut self.support_accelerations] {

@@ -4,6 +4,7 @@
 //! store loads and bounds at the instants of one step only: two for the midpoint rule, three for
 //! Newmark.
 
+use super::following_load::FollowingLoad;
 use super::sliding::BoundSlider;
 use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
@@ -172,6 +173,8 @@ pub struct TimeDependence {
     pub stretching: Option<Rc<QuarticForm>>,
     /// Energy of stretching of the dofs; `None` with the modal mass or for a plate that only bends.
     pub membrane: Option<Box<dyn StretchingEnergy>>,
+    /// Load that depends on the deflection.
+    pub following: Option<Box<dyn FollowingLoad>>,
     /// Dry friction at bounded dofs of this rank; `None` where no rank has any.
     pub sliders: Option<Vec<BoundSlider>>,
 }

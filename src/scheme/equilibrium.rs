@@ -1,8 +1,8 @@
 //! Static equilibrium, accurate to rounding.
 
-mod stretched;
+mod nonlinear;
 
-pub use stretched::StretchedPlate;
+pub use nonlinear::NonlinearPlate;
 
 use super::conjugate_gradients;
 use crate::communicator::Communicator;

@@ -22,7 +22,8 @@
 //!
 //! The energy of stretching is [quadratised](super::quadratisation), with g at the displacement
 //! `$2 U^{n-1/2} - U^{n-3/2}$`, whose massless part no reflection disturbs: the step matrix gains
-//! `$g g^T$` and the right-hand side `$-g\, \psi^n$`, and `$\psi^{n+1} = \psi^n + 2\, g \cdot x$`.
+//! `$g g^T$` and the right-hand side `$-g\, \psi^n$`, and `$\psi^{n+1} = \psi^n + 2\, g \cdot x$`. A load that depends on the deflection
+//! is taken there too.
 
 pub mod instants;
 mod rule;
@@ -32,6 +33,7 @@ pub use scheme::{Massless, Midpoint};
 
 use super::System;
 use super::drive::ModalDamping;
+use super::following_load::FollowedLoad;
 use super::quadratisation::{Quadratisation, RankOne};
 use super::state::State;
 use super::step_driver::{Formulas, StepDriver};
@@ -51,10 +53,12 @@ pub(super) struct MidpointRule<'s, E: Engine> {
     v: Vec<f64>,
     /// Energy of stretching, with the variable `$\psi^n$`.
     pub stretching: Option<Quadratisation<'s, E>>,
-    /// Displacements `$U^{n-1/2}$` and `$U^{n-3/2}$` of a plate that stretches, in m, one entry per
-    /// dof.
+    /// Load that depends on the deflection, at the middle of the step.
+    pub followed: Option<FollowedLoad<'s, E>>,
+    /// Displacements `$U^{n-1/2}$` and `$U^{n-3/2}$`, in m, one entry per dof, where forces need
+    /// them.
     midpoints: [Vec<f64>; 2],
-    /// Displacement at which g is taken, in m, one entry per dof.
+    /// Displacement at which g and the load are taken, in m, one entry per dof.
     ahead: Vec<f64>,
     /// Half the increment of p, `$C^{-1} B x$`, in m, one entry per velocity dof.
     pub half_dp: Vec<f64>,
@@ -70,6 +74,7 @@ struct Equation6<'a, 's, E: Engine> {
     system: &'s System<E>,
     instants: &'a StepInstants<'s, E>,
     stretching: Option<&'a Quadratisation<'s, E>>,
+    followed: Option<&'a FollowedLoad<'s, E>>,
 }
 
 impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
@@ -87,6 +92,7 @@ impl<E: Engine> Formulas<E> for Equation6<'_, '_, E> {
         aypx(2.0 / self.dt, &self.from.force, b);
         self.instants.add_load(b);
         self.stretching.iter().for_each(|stretching| stretching.subtract_force(stretching.root, b));
+        self.followed.iter().for_each(|followed| followed.add_force(b));
         Ok(())
     }
 
@@ -129,18 +135,26 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     pub fn solve(&mut self, from: &State, time: f64) -> Result<StepReport> {
         let system @ System { engine, mass, .. } = self.driver.system;
         self.instants.enter(from, time, &mut self.v)?;
-        if let Some(stretching) = &mut self.stretching {
+        if !self.ahead.is_empty() {
             let [last, before] = &self.midpoints;
             waxpby(2.0, last, -1.0, before, &mut self.ahead);
-            stretching.linearise(&self.ahead)?;
+            self.stretching.as_mut().map_or(Ok(()), |stretching| stretching.linearise(&self.ahead))?;
+            let middle = time + 0.5 * self.dt;
+            self.followed.as_mut().map_or(Ok(()), |followed| followed.take(middle, &self.ahead))?;
         }
-        let MidpointRule { v, dt, instants, stretching, .. } = self;
-        let stretching = stretching.as_ref();
-        self.driver.solve(&mut Equation6 { from, v, dt: *dt, system, instants, stretching })?;
+        let MidpointRule { v, dt, instants, stretching, followed, .. } = self;
+        let (stretching, followed) = (stretching.as_ref(), followed.as_ref());
+        self.driver.solve(&mut Equation6 { from, v, dt: *dt, system, instants, stretching, followed })?;
         if let Some(stretching) = &mut self.stretching {
             let path = stretching.along(&self.driver.x)?;
             stretching.applied = stretching.root + path;
             stretching.root += 2.0 * path;
+        }
+        if let Some(followed) = &mut self.followed {
+            followed.increment = 2.0 * followed.along(&self.driver.x)?;
+            followed.work += followed.increment;
+        }
+        if !self.ahead.is_empty() {
             self.midpoints.rotate_right(1);
             waxpy(1.0, &self.driver.x, &from.u, &mut self.midpoints[0]);
         }
@@ -152,7 +166,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     /// Sets the bounded configuration `$G U^{n+1/2}$`, in m, one entry per bound.
     pub fn restrict_midpoint(&self, from: &State, admissible: &mut [f64]) {
         let MidpointRule { driver, instants, v, dt, .. } = self;
-        let formulas = Equation6 { from, v, dt: *dt, system: driver.system, instants, stretching: None };
+        let formulas = Equation6 { from, v, dt: *dt, system: driver.system, instants, stretching: None, followed: None };
         driver.restrict(&formulas, admissible);
     }
 

@@ -30,6 +30,7 @@ mod drive;
 pub mod equilibrium;
 pub mod exact;
 mod feedback;
+mod following_load;
 pub mod massless;
 pub mod midpoint;
 pub mod modal;
@@ -48,8 +49,9 @@ pub use drive::{
     BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, StretchingEnergy, SupportMotion,
     TimeDependence, ViscousTip,
 };
-pub use equilibrium::{StretchedPlate, equilibrium, equilibrium_on_bounds};
+pub use equilibrium::{NonlinearPlate, equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
+pub use following_load::FollowingLoad;
 pub use massless::contact_compliance::ContactCompliance;
 pub use massless::potential::Potential;
 pub use midpoint::{Massless, Midpoint};

@@ -39,6 +39,9 @@
 //! The invariant of beta = 1/2 gains `$\tfrac12 (\psi^{n+1/2})^2$`, and never rises for e = 0 as
 //! without stretching. At the start `$\psi^{1/2} = \sqrt{2 V} + \tfrac12\, g \cdot (U^1 - U^0)$`.
 //!
+//! A load that depends on the deflection is the one at `$U^n$`, and does the work
+//! `$\tfrac12 F(U^n) \cdot (U^{n+1} - U^{n-1})$`.
+//!
 //! # Bounds that yield
 //!
 //! The reaction of a bound that yields is that of its law at `$U^{n+1,e}$`, which lies at the time
@@ -62,6 +65,7 @@ pub mod start;
 mod stiffness_force;
 
 use super::drive::ModalDamping;
+use super::following_load::FollowedLoad;
 use super::quadratisation::{Quadratisation, RankOne};
 use super::sliding::Sliding;
 use super::step_driver::{Formulas, StepDriver};
@@ -161,6 +165,8 @@ struct Levels<'s, E: Engine> {
     /// Energy of stretching, with the variable `$\psi^{n-1/2}$` before a step and `$\psi^{n+1/2}$`
     /// after it.
     stretching: Option<Quadratisation<'s, E>>,
+    /// Load that depends on the deflection, at `$U^n$`.
+    followed: Option<FollowedLoad<'s, E>>,
     /// Energies stored in bounds that yield, at `$U^{n,e}$` and `$U^{n+1,e}$`, in J.
     stored: [f64; 2],
     /// Initial velocity `$v_0$` at the bounded dofs, in m/s.
@@ -229,6 +235,7 @@ impl<E: Engine> Levels<'_, E> {
     fn force(&self, b: &mut [f64]) {
         self.system.subtract_from_load(&self.force.of_u, b);
         self.instants.iter().for_each(|instants| instants.add_forces(self.system, b));
+        self.followed.iter().for_each(|followed| followed.add_force(b));
     }
 
     /// Makes `$U^{n+1} = 2 U^n - U^{n-1} + x$` the present level; `next` is the time of the new
@@ -240,6 +247,8 @@ impl<E: Engine> Levels<'_, E> {
         }
         self.force.advance(self.system, &self.u_n, &self.d_n)?;
         self.stretching.as_mut().map_or(Ok(()), |stretching| stretching.linearise(&self.u_n))?;
+        let now = next - self.parameters.step;
+        self.followed.as_mut().map_or(Ok(()), |followed| followed.take(now, &self.u_n))?;
         self.instants.as_mut().map_or(Ok(()), |instants| instants.advance(self.system, next))
     }
 
@@ -267,6 +276,13 @@ impl<E: Engine> Levels<'_, E> {
 
     /// Adds the work of the time-dependent data up to instant n, given the unknown of its step.
     fn account(&mut self, n: u64, x: &[f64], reaction: &[f64]) -> Result<()> {
+        if let Some(followed) = &mut self.followed {
+            let increment = 0.5 * followed.along(x)? + followed.along(&self.d_n)?;
+            if n > 0 {
+                followed.work += 0.5 * (followed.increment + increment);
+            }
+            followed.increment = increment;
+        }
         let Some(instants) = &mut self.instants else { return Ok(()) };
         let displacement = self.d_n.iter().zip(x).map(|(d, x)| d + (d + x));
         instants.account(n, self.system, displacement, reaction)

@@ -6,6 +6,7 @@ use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{copy_scaled, waxpby, waxpy};
+use crate::scheme::following_load::FollowedLoad;
 use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::state::{State, SupportVelocities};
 use crate::scheme::step_driver::StepDriver;
@@ -27,6 +28,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
             instants: StepInstants::new(system, dt, support_velocities),
             dt,
             stretching: None,
+            followed: None,
             midpoints: Default::default(),
             ahead: Vec::new(),
             v: velocities(),
@@ -54,7 +56,8 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     /// Sets x from the initial velocity (m/s), as if a step had ended at the start.
     pub fn begin(&mut self, velocity: &[f64], start: &State) -> Result<()> {
         self.stretching = Quadratisation::new(self.driver.system, &start.u)?;
-        if self.stretching.is_some() {
+        self.followed = FollowedLoad::new(self.driver.system, &start.u)?;
+        if self.stretching.is_some() || self.followed.is_some() {
             let before =
                 |steps: f64| start.u.iter().zip(velocity).map(|(u, v)| u - steps * self.dt * v).collect();
             self.midpoints = [0.5, 1.5].map(before);
@@ -79,6 +82,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         waxpy(of_x, &self.driver.x, from, &mut balance.displacement);
         let factor = self.stretching.as_ref().map_or(0.0, Quadratisation::factor);
         balance.stretch(system, factor, &self.ahead);
+        balance.follow(system, time + 0.5 * self.dt, &self.ahead);
         if !balance.rates.is_empty() {
             balance.rates = self.mean_rate();
         }
@@ -99,8 +103,9 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     /// Saves or restores the last solution and the solver.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.instants.archive(archive)?;
-        if let Some(stretching) = &mut self.stretching {
-            stretching.archive(archive)?;
+        self.stretching.as_mut().map_or(Ok(()), |stretching| stretching.archive(archive))?;
+        self.followed.as_mut().map_or(Ok(()), |followed| followed.archive(archive))?;
+        if !self.ahead.is_empty() {
             for midpoint in &mut self.midpoints {
                 archive.vector(VectorKind::Dofs, midpoint)?;
             }

@@ -9,6 +9,7 @@ use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
+use crate::scheme::following_load::FollowedLoad;
 use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::step_driver::{Formulas, StepDriver};
 use crate::scheme::{
@@ -48,6 +49,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
             system,
             parameters,
             stretching: Quadratisation::new(system, &start.displacement)?,
+            followed: FollowedLoad::new(system, &start.displacement)?,
             u_n: start.displacement,
             d_n: vec![0.0; dofs],
             force: StiffnessForce::new(dofs),
@@ -103,7 +105,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
     /// # Errors
     /// Returns the errors of the engine.
     pub fn invariant(&self) -> Result<f64> {
-        let Levels { system, parameters, u_n, force, stretching, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, force, stretching, followed, instants, .. } = &self.levels;
         let System { engine, stiffness, mass, .. } = system;
         let rate: Vec<f64> = self.increments().map(|[_, e]| e / parameters.step).collect();
         let next: Vec<f64> = u_n.iter().zip(self.increments()).map(|(u, [_, e])| u + e).collect();
@@ -113,7 +115,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
             + 2.0 * force.elastic_energy(system, u_n, &mut product)?
             + 2.0 * stretching.as_ref().map_or(0.0, |stretching| stretching.root.powi(2));
         let work = system.work(u_n)? + system.work(&next)?;
-        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment);
+        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment)
+            + followed.as_ref().map_or(0.0, |followed| followed.work + 0.5 * followed.increment);
         let stored = 0.5 * (parameters.stored_now(self.levels.stored) + self.levels.stored[1]);
         Ok(0.5 * kinetic + 0.25 * elastic + stored - 0.5 * work - by_time)
     }
@@ -143,12 +146,13 @@ impl<E: Engine> Solution for Newmark<'_, E> {
     /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity and the
     /// true energy of stretching.
     fn energies(&self) -> Result<Energies> {
-        let Levels { system, parameters, u_n, force, stretching, stored, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, force, stretching, followed, stored, instants, .. } = &self.levels;
         let [rate, v] = &mut *self.work.borrow_mut();
         let elastic = force.elastic_energy(system, u_n, rate)?;
         rate.iter_mut().zip(self.central_velocity()).for_each(|(rate, now)| *rate = now);
         let kinetic = system.kinetic_energy(rate, v)?;
-        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work);
+        let by_time = instants.as_ref().map_or(0.0, |instants| instants.work)
+            + followed.as_ref().map_or(0.0, |followed| followed.work);
         let work = system.work(u_n)? + by_time;
         let stretched = stretching.as_ref().map_or(0.0, |stretching| stretching.stored);
         Ok(Energies { kinetic, elastic: elastic + stretched + parameters.stored_now(*stored), work })
@@ -195,6 +199,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let is_start = self.record.step == 0;
         let mut balance = StepBalance::zero(system);
         balance.stretch(system, stretching.as_ref().map_or(0.0, Quadratisation::factor), u_n);
+        balance.follow(system, self.record.time(), u_n);
         let mut inertia = vec![0.0; u_n.len()];
         for (i, [d, e]) in self.increments().enumerate() {
             // The unknown and the damped rate of the first step are those of `start`.
@@ -218,7 +223,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
 
     fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         self.record.archive(archive)?;
-        let Levels { system, u_n, d_n, force, stretching, stored, instants, .. } = &mut self.levels;
+        let Levels { system, u_n, d_n, force, stretching, followed, stored, instants, .. } = &mut self.levels;
         if !system.bounds.laws.are_rigid() {
             archive.value(stored)?;
         }
@@ -227,6 +232,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         }
         force.archive(archive)?;
         stretching.as_mut().map_or(Ok(()), |stretching| stretching.archive(archive))?;
+        followed.as_mut().map_or(Ok(()), |followed| followed.archive(archive))?;
         instants.as_mut().map_or(Ok(()), |instants| instants.archive(archive))?;
         self.driver.archive(archive)
     }

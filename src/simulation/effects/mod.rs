@@ -11,6 +11,7 @@ mod bearing;
 pub(super) mod buckling;
 mod contributions;
 mod damping;
+mod following_pressure;
 mod ground;
 mod heights;
 mod inertia;
@@ -43,7 +44,8 @@ use crate::linalg::{ElementMatrix, Engine, SingularMassCell};
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
 use crate::scene::Mass;
-use crate::scheme::{Start, System, TimeDependence};
+use crate::scheme::{FollowingLoad, Start, System, TimeDependence};
+use following_pressure::FollowingPressure;
 use heights::Heights;
 use loads::Loads;
 use std::rc::Rc;
@@ -159,6 +161,8 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let loads = Loads::new(ground, &ground.terms.loads)?;
     system.load = loads.constant(ground)?;
     (system.drive.terms, system.drive.load) = loads.in_time(ground)?;
+    let following = FollowingPressure::new(ground)?;
+    system.drive.following = following.map(|pressure| -> Box<dyn FollowingLoad> { Box::new(pressure) });
 
     // The frame of the supports.
     let lifts = motion::lifts(ground, &system, mechanism)?;

@@ -9,6 +9,7 @@
 //! another support holds the node.
 
 use super::contributions::PointTerm;
+use super::following_pressure::FollowingPressure;
 use super::ground::BuildContext;
 use super::loads::Loads;
 use super::motion::Lift;
@@ -31,6 +32,10 @@ type NodeSum = dyn Fn(&[f64]) -> Result<Vec<f64>>;
 
 /// Function that returns forces at all nodes, three per node, for a displacement. Collective.
 type ForceAtNodes = dyn Fn(&[f64]) -> Result<Vec<f64>>;
+
+/// Function that returns loads at all nodes, three per node, at an instant (s) and a displacement.
+/// Collective.
+type LoadAtNodes = dyn Fn(f64, &[f64]) -> Result<Vec<f64>>;
 
 /// Function that subtracts the loads at instants (s) with weights at the held nodes. Collective.
 type LoadOfInstants = dyn Fn(&[(f64, f64)], &mut [f64]) -> Result<()>;
@@ -97,6 +102,9 @@ pub(in crate::simulation) struct Reactions {
     /// Forces of stretching at all nodes of this process for a displacement over the dofs, three
     /// per node; `None` for a plate that only bends. Collective.
     stretching: Option<Box<ForceAtNodes>>,
+    /// Loads that depend on the deflection at all nodes of this process, three per node, at an
+    /// instant (s) and a displacement; `None` without any. Collective.
+    following: Option<Box<LoadAtNodes>>,
     loads: Box<LoadOfInstants>,
     sum_at_nodes: Box<NodeSum>,
     /// Number of nodes of this process.
@@ -153,6 +161,10 @@ impl Reactions {
                 let at_nodes: Box<ForceAtNodes> = Box::new(move |u| energy.at_nodes(u));
                 at_nodes
             }),
+            following: FollowingPressure::new(ground)?.map(|pressure| {
+                let at_nodes: Box<LoadAtNodes> = Box::new(move |t, u| pressure.at_nodes(t, u));
+                at_nodes
+            }),
             loads: Box::new(move |instants, force| loads.subtract(instants, force)),
             sum_at_nodes: Box::new(move |values| by_partition.sum_at_nodes(values)),
             count: mesh.nodes.len(),
@@ -206,6 +218,10 @@ impl Reactions {
         if let (Some(at_nodes), false) = (&self.stretching, balance.stretched.is_empty()) {
             let pull = at_nodes(&balance.stretched)?;
             axpy(balance.stretching, &self.rows(|force| force.copy_from_slice(&pull)), &mut force);
+        }
+        if let (Some(at_nodes), Some((t, u))) = (&self.following, &balance.followed) {
+            let push = at_nodes(*t, u)?;
+            axpy(-1.0, &self.rows(|force| force.copy_from_slice(&push)), &mut force);
         }
         for (k, lift) in self.lifts.iter().enumerate() {
             axpy(self.stretch(k, damping.stiffness, balance), &lift.force, &mut force);

@@ -60,12 +60,15 @@ impl<P: Partition> BuildContext<'_, P> {
                      only where supports hold it"
                 )));
             }
-            if let Some(membrane) = &system.drive.membrane {
-                return self.stretched(key, system, membrane.as_ref(), &load, &bounds);
+            if system.drive.membrane.is_some() {
+                return self.nonlinear(key, system, &load, &bounds);
             }
             let mut u = self.equilibrium(system, &load, &Bounds::default())?;
             stretched_equilibrium::settle(self, system, &bounds, &mut u)?;
             return Ok(u);
+        }
+        if system.drive.following.is_some() && initial.equilibrium {
+            return self.nonlinear(key, system, &load, &bounds);
         }
         if mechanism.is_none() {
             return self.equilibrium(system, &load, &bounds);

@@ -1,6 +1,7 @@
 //! Equilibria of the plate under a load.
 
 use super::buckling;
+use super::following_pressure::FollowingPressure;
 use super::ground::BuildContext;
 use super::of_cells::OfCells;
 use super::stretching::NodalEnergy;
@@ -10,7 +11,7 @@ use crate::error::{Error, Result};
 use crate::linalg::Form;
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
-use crate::scheme::{self, StretchedPlate, StretchingEnergy, System};
+use crate::scheme::{self, NonlinearPlate, System};
 use crate::simulation::check_residual;
 use std::borrow::Cow;
 
@@ -28,40 +29,69 @@ impl<P: Partition> BuildContext<'_, P> {
         Ok(u)
     }
 
-    /// Computes the equilibrium of the plate that stretches under a load, with the bodies at rest,
-    /// from `initial.deflection` on. Collective.
+    /// Computes the equilibrium of a plate that stretches on its mesh, or whose load depends on the
+    /// deflection, with the bodies at rest, from `initial.deflection` on. Collective.
     ///
     /// # Errors
-    /// Returns [`Error::Scene`] where forces in the plane buckle it.
-    pub(super) fn stretched<E: OfCells>(
+    /// Returns [`Error::Scene`] where forces in the plane buckle the plate, or a load pulls it in.
+    pub(super) fn nonlinear<E: OfCells>(
         &self,
         key: &str,
         system: &System<E>,
-        stretching: &dyn StretchingEnergy,
         load: &[f64],
         bounds: &Bounds,
     ) -> Result<Vec<f64>> {
-        let Some(energy) = NodalEnergy::new(self) else { return self.equilibrium(system, load, bounds) };
-        if buckling::is_buckled(self, &system.engine, None)? {
+        if self.scene.stretches() && buckling::is_buckled(self, &system.engine, None)? {
             return Err(Error::Scene(format!(
                 "{key}: the forces in the plane buckle the plate, whose equilibrium time.mass = \"modal\" finds; expected that \
                  mass, or a start from initial.deflection"
             )));
         }
-        let blocks = |u: &[f64]| Ok(system.engine.native().form(energy.geometric_stiffness(self, u)?));
-        let plate = StretchedPlate {
-            engine: &system.engine,
-            stiffness: &self.stiffness_at_rest(system),
-            stretching,
-            geometric: &blocks,
-            load,
-            bounds,
-        };
         let shape = self.comm().all_ok(self.shape_of(&self.scene.initial.deflection))?;
         let guess = self.owned(&self.space.interpolate(&shape), system.engine.dofs());
-        let (u, _, verdict) = plate.equilibrium(guess)?;
+        let verdict = self.with_nonlinear_plate(system, load, bounds, |plate| {
+            let ended = plate.equilibrium(guess.clone());
+            let Err(Error::Unfinished(_)) = ended else { return ended };
+            Err(match plate.pull_in()? {
+                Some(share) if share < 1.0 => Error::Scene(format!(
+                    "{key}: load.pressure pulls the plate in: its equilibrium ends at {share:.4} times this pressure; expected \
+                     less, or an obstacle on which it comes to rest"
+                )),
+                _ => Error::Unfinished(format!("{key}: no equilibrium of the plate was reached")),
+            })
+        });
+        let (u, _, verdict) = verdict?;
         check_residual(0, 0.0, verdict.kkt, self.scene.solver.tolerance)?;
         Ok(u)
+    }
+
+    /// Calls a function with the plate as a nonlinear static problem.
+    pub(super) fn with_nonlinear_plate<E: OfCells, T>(
+        &self,
+        system: &System<E>,
+        load: &[f64],
+        bounds: &Bounds,
+        call: impl FnOnce(&NonlinearPlate<E>) -> Result<T>,
+    ) -> Result<T> {
+        let (energy, pressure) = (NodalEnergy::new(self), FollowingPressure::new(self)?);
+        let tangent = |u: &[f64], share: f64, softens: bool| {
+            let geometric = energy.as_ref().map(|energy| energy.geometric_stiffness(self, u));
+            let mut blocks = geometric.transpose()?.unwrap_or_default();
+            if let Some(pressure) = &pressure {
+                blocks.extend(pressure.stiffness(self, u, (share, softens), blocks.len())?);
+            }
+            Ok(system.engine.native().form(blocks))
+        };
+        call(&NonlinearPlate {
+            engine: &system.engine,
+            stiffness: &self.stiffness_at_rest(system),
+            stretching: system.drive.membrane.as_deref(),
+            following: system.drive.following.as_deref(),
+            share: 1.0,
+            tangent: &tangent,
+            load,
+            bounds,
+        })
     }
 
     /// Returns K with a spring of 1 N/m in each body's gap, which fixes a gap without load.

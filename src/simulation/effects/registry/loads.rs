@@ -24,7 +24,7 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
     if !base_acceleration.is_zero() {
         add(&base_acceleration.key, LoadLaw::Weight(base_acceleration.clone()));
     }
-    if !pressure.is_zero() {
+    if !pressure.is_zero() && !pressure.follows_deflection() {
         add(&pressure.key, LoadLaw::Pressure(pressure.clone()));
     }
     for (number, force) in forces.iter().enumerate() {
