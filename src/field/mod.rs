@@ -171,8 +171,8 @@ impl Field {
         later
     }
 
-    /// Returns the field at an instant (s) as a function of x, y and the deflection (m), which takes
-    /// the place of t.
+    /// Returns the field at an instant (s) as a function of x, y and the deflection (m), which
+    /// takes the place of t.
     pub fn of_deflection(&self, t: f64) -> Field {
         let replaced = |instruction: &Instruction| match instruction {
             Instruction::Variable(Name::T) => Instruction::Constant(t),

@@ -334,11 +334,12 @@ impl<'a> Parser<'a> {
         if let Some((_, value)) = CONSTANTS.iter().find(|(name, _)| *name == word) {
             return Ok(self.emit(Instruction::Constant(*value), start, Kind::Number));
         }
-        if let Some(name) = self.names.iter().find(|name| name.word() == word) {
-            return Ok(self.emit(Instruction::Variable(name), start, Kind::Number));
-        }
+        // A parameter hides the deflection.
         if let Some(value) = self.parameters.get(word) {
             return Ok(self.emit(Instruction::Constant(value), start, Kind::Number));
+        }
+        if let Some(name) = self.names.iter().find(|name| name.word() == word) {
+            return Ok(self.emit(Instruction::Variable(name), start, Kind::Number));
         }
         if FUNCTIONS.iter().any(|(name, _)| *name == word) {
             return self.fault(start, format!("{word} is a function; expected ( after it"));
@@ -503,7 +504,8 @@ pub fn check_parameter(name: &str) -> Result<(), String> {
     if !starts || !name.chars().all(|c| c.is_alphabetic() || c.is_ascii_digit() || c == '_') {
         return Err("expected a name of letters, digits and _ that does not begin with a digit".into());
     }
-    let taken = if Name::ALL.iter().any(|variable| variable.word() == name) {
+    let mut variables = Name::ALL.into_iter().filter(|variable| *variable != Name::W);
+    let taken = if variables.any(|variable| variable.word() == name) {
         "a variable of formulas"
     } else if CONSTANTS.iter().any(|(constant, _)| *constant == name) {
         "a constant of formulas"

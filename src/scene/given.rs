@@ -42,19 +42,19 @@ pub struct OfDeflection<'f> {
 }
 
 impl OfDeflection<'_> {
-    /// Returns the value and its derivative by the deflection (m) at a place (m).
+    /// Returns the value and its two derivatives by the deflection (m) at a place (m).
     ///
     /// # Errors
     /// Returns [`Error::Scene`] naming the key where the formula has no finite value or is not
     /// smooth.
-    pub fn at(&self, place: Point, deflection: f64) -> Result<[f64; 2]> {
-        let Ok(Derivatives { value, first, .. }) = self.field.jet(place, deflection) else {
+    pub fn at(&self, place: Point, deflection: f64) -> Result<[f64; 3]> {
+        let Ok(Derivatives { value, first, second }) = self.field.jet(place, deflection) else {
             return Err(Error::Scene(format!(
                 "{}: \"{}\" has no finite value and slope where the deflection is {deflection:.4e} m",
                 self.input.key, self.input.formula
             )));
         };
-        Ok([self.factor * value, self.factor * first])
+        Ok([value, first, second].map(|part| self.factor * part))
     }
 }
 

@@ -1,9 +1,8 @@
 //! Loads that depend on the deflection, in time.
 //!
-//! A scheme takes such a load F(t, U) at a known displacement: its step matrix stays the same. The
-//! work that it does enters the balance of energy as that of a load in time. What the load stores is
-//! no part of the elastic energy, and the promise of a scheme about the energy holds beside this
-//! work.
+//! A scheme takes such a load F(t, U) at a known displacement: its step matrix stays the same. Its
+//! work enters the balance of energy like the one of a load in time. What the load stores is no
+//! part of the elastic energy, and the promise of a scheme about the energy holds beside this work.
 
 use super::System;
 use crate::archive::{Archive, VectorKind};
@@ -26,6 +25,14 @@ pub trait FollowingLoad {
     /// # Errors
     /// Returns the errors of its formula.
     fn work(&self, t: f64, u: &[f64]) -> Result<f64>;
+
+    /// Returns the multiple of a change x of the displacement (m) over which the stiffness of the
+    /// load keeps its size where it pulls the plate on: a pole, such as that of an electrode, lies
+    /// farther away. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of its formula.
+    fn reach(&self, t: f64, u: &[f64], x: &[f64]) -> Result<f64>;
 }
 
 /// Load that depends on the deflection, as a scheme takes it, with the work done.
@@ -49,7 +56,8 @@ impl<'s, E: Engine> FollowedLoad<'s, E> {
     pub fn new(system: &'s System<E>, u: &[f64]) -> Result<Option<FollowedLoad<'s, E>>> {
         let Some(load) = &system.drive.following else { return Ok(None) };
         let (engine, load) = (&system.engine, load.as_ref());
-        let mut followed = FollowedLoad { engine, load, force: vec![0.0; u.len()], work: 0.0, increment: 0.0 };
+        let mut followed =
+            FollowedLoad { engine, load, force: vec![0.0; u.len()], work: 0.0, increment: 0.0 };
         followed.take(0.0, u)?;
         Ok(Some(followed))
     }

@@ -166,7 +166,8 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
     /// Sets the bounded configuration `$G U^{n+1/2}$`, in m, one entry per bound.
     pub fn restrict_midpoint(&self, from: &State, admissible: &mut [f64]) {
         let MidpointRule { driver, instants, v, dt, .. } = self;
-        let formulas = Equation6 { from, v, dt: *dt, system: driver.system, instants, stretching: None, followed: None };
+        let formulas =
+            Equation6 { from, v, dt: *dt, system: driver.system, instants, stretching: None, followed: None };
         driver.restrict(&formulas, admissible);
     }
 

@@ -174,6 +174,17 @@ pub fn buckling(scene: &Scene, mesh: &Mesh) -> Result<Option<(f64, [f64; 2])>> {
     })
 }
 
+/// Returns the multiple of a pressure that depends on the deflection beyond which the plate of a
+/// scene, without obstacles, has no equilibrium; `None` without such a pressure or limit.
+///
+/// # Errors
+/// Returns the same errors as [`Model::new`].
+pub fn pull_in(scene: &Scene, mesh: &Mesh) -> Result<Option<f64>> {
+    on_ground(scene, mesh, &holds(scene, mesh)?, |ground| {
+        ground.pull_in(&Native::with_layout(ground.space.layout(mesh)))
+    })
+}
+
 /// Returns the matrices of a scene on its mesh, over the free dofs if `supported`, else over all
 /// dofs.
 ///

@@ -69,6 +69,10 @@ pub struct Inspection {
     /// Multiple of the forces in the plane at which the plate buckles, nearest to zero; negative
     /// for reversed forces, `None` where it does not buckle.
     pub buckling_factor: Option<f64>,
+    /// Multiple of a pressure that depends on the deflection beyond which the plate has no
+    /// equilibrium without obstacles.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pull_in_factor: Option<f64>,
     /// Place of the largest deflection of a buckled plate, in m.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub buckles_at: Option<[f64; 2]>,
@@ -184,6 +188,10 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     }
     let model = model?;
     let buckling = simulation::buckling(scene, &mesh)?;
+    let pull_in_factor = match mechanism {
+        None => simulation::pull_in(scene, &mesh)?,
+        Some(_) => None,
+    };
     let Model { system, .. } = &model;
     let (engine, stiffness) = (&system.engine, &system.stiffness);
     let Matrices { consistent, singular: rows, .. } = simulation::matrices(scene, &mesh, true)?;
@@ -191,7 +199,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     // A ball in the air has no equilibrium.
     let is_loose = mechanism.is_some() || !scene.attachments.balls.is_empty();
     let loaded = match &system.load {
-        Some(load) if !is_loose && !scene.stretches() => {
+        Some(load) if !is_loose && !scene.stretches() && system.drive.following.is_none() => {
             let (u, _, report) = scheme::equilibrium(engine, stiffness, load, &system.bounds)?;
             simulation::check_residual(0, 0.0, report.kkt, scene.solver.tolerance)?;
             Some(u)
@@ -247,6 +255,7 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         mass,
         mechanism,
         buckling_factor: buckling.map(|(factor, _)| factor),
+        pull_in_factor,
         buckles_at: buckling.map(|(_, place)| place),
         initial_energy: (!no_start).then(|| initial_energy(&model)).transpose()?,
         deflections,
@@ -474,6 +483,9 @@ impl fmt::Display for Inspection {
         report.optional("buckling factor", self.buckling_factor, "");
         if let Some([x, y]) = self.buckles_at {
             report.text("  buckles at", format!("({}, {}) m", significant(x), significant(y)));
+        }
+        if let Some(factor) = self.pull_in_factor {
+            report.number("pull-in factor", factor, "");
         }
         report.optional("initial energy", self.initial_energy, "J");
         for Deflection { probe, start, loaded, .. } in &self.deflections {

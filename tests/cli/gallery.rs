@@ -587,6 +587,28 @@ fn a_heated_panel_snaps_under_a_strong_breeze_alone() {
     );
 }
 
+/// A strip that only bends is pulled in at `$\varepsilon V^2 L^4 / (2 D g^3) = 70.095$`.
+#[test]
+fn a_switch_is_pulled_in_beyond_its_voltage() {
+    let inspection = rebond(
+        &folder("pull-in-inspect"),
+        &["inspect", &scene("pull_in"), "--json", "--set", "parameters.v=20"],
+    );
+    let inspection: Value = serde_json::from_str(&succeeds(&inspection)).unwrap();
+    let factor = inspection["pull_in_factor"].as_f64().unwrap();
+    let bends = 70.095 * 2.0 * (160e9 * 1e-18 / 12.0) * 8e-18 / (8.854e-12 * 200e-6_f64.powi(4));
+    let ratio = 400.0 * factor / bends;
+    assert!((1.0..1.6).contains(&ratio), "{ratio}");
+    let middle = |volts: &str| {
+        let run = run("pull_in", &[&format!("parameters.v={volts}")]);
+        (run.column("middle").into_iter().fold(0.0, f64::min), run.summary["contact_steps"].as_u64().unwrap())
+    };
+    let (lowest, contact) = middle("20");
+    assert!(lowest > -2e-6 / 3.0 && contact == 0, "{lowest}, {contact}");
+    let (lowest, contact) = middle("50");
+    assert!((lowest / -1.5e-6 - 1.0).abs() < 1e-6 && contact > 1000, "{lowest}, {contact}");
+}
+
 #[test]
 fn a_snare_adds_what_the_drum_alone_has_not() {
     assert_near(frequencies("snare", "1")[0], 10.216 * disc_unit(1.5e-3, 70e9, 2700.0), 0.01);

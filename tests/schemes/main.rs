@@ -11,6 +11,7 @@ mod damping;
 mod energy;
 mod exact;
 mod external_load;
+mod following_pressure;
 mod forced;
 mod forces;
 mod hertz;

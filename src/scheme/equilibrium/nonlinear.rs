@@ -11,8 +11,8 @@
 //!
 //! with the geometric stiffness K_G of the membrane force at U, `$K_W = -W''$`, and
 //! `$g = V' / \sqrt{2 V}$`. Along U, where V grows with the fourth power, `$K_G + g g^T$` is the
-//! second derivative of V; elsewhere it leaves out how the membrane force changes. A search along the
-//! step finds an energy that is lower.
+//! second derivative of V; elsewhere it leaves out how the membrane force changes. A search along
+//! the step finds an energy that is lower.
 //!
 //! A load that grows as the plate follows it has no equilibrium beyond some size: the plate is
 //! *pulled in*. There the matrix stays indefinite. Steps then use the part of K_W that stiffens the
@@ -21,7 +21,7 @@
 use super::Equilibrium;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{add, axpy, copy_scaled, scale, waxpy};
+use crate::linalg::vectors::{add, axpy, copy_scaled, largest, scale, waxpy};
 use crate::linalg::{Engine, Form};
 use crate::obstacle::Bounds;
 use crate::scheme::drive::StretchingEnergy;
@@ -34,18 +34,24 @@ use crate::vi::{Answer, CheckedSolver, Condensed, Problem, StepReport};
 const STEPS: u32 = 200;
 const HALVINGS: i32 = 30;
 
-/// Number of steps with an indefinite matrix after which a plate without obstacles is pulled in.
-const INDEFINITE: u32 = 20;
+/// Numbers of steps with an indefinite matrix after which a plate without obstacles is pulled in:
+/// of a search from any displacement, and of one from an equilibrium under less load.
+const INDEFINITE: [u32; 2] = [20, 2];
 
 /// KKT residual at which the search ends, and the one up to which it may stall.
 const SETTLED: f64 = 1e-13;
 const STALLED: f64 = 1e-10;
 
+/// Step, relative to the deflections, at which the search may end, and the one at which it may
+/// stall: a stiff plate on soft springs has small residuals long before.
+const STILL: f64 = 1e-8;
+const CREEPING: f64 = 1e-4;
+
 /// Rounding error of an energy, relative to its parts.
 const ROUNDING: f64 = 1e-14;
 
 /// Relative accuracy of the load that pulls a plate in, and the largest one that is sought.
-const PULL_IN: f64 = 1e-5;
+const PULL_IN: f64 = 1e-4;
 const STRONGEST: f64 = 1e9;
 
 /// Plate that stretches, or whose load depends on the deflection, under a load.
@@ -60,13 +66,23 @@ pub struct NonlinearPlate<'p, E: Engine> {
     pub following: Option<&'p dyn FollowingLoad>,
     /// Factor of that load.
     pub share: f64,
-    /// Stiffness `$K_G + K_W$` at a displacement, given the factor of K_W, with all of K_W or the
-    /// part that stiffens the plate.
-    pub tangent: &'p dyn Fn(&[f64], f64, bool) -> Result<Form>,
+    /// Stiffness `$K_G + K_W$` at a displacement, or a part of it, given the factor of K_W.
+    pub tangent: &'p dyn Fn(&[f64], f64, TangentPart) -> Result<Form>,
     /// Load F, in N, one entry per dof.
     pub load: &'p [f64],
     /// Bounds on the deflections, in m.
     pub bounds: &'p Bounds,
+}
+
+/// Part of the stiffness `$K_G + K_W$`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum TangentPart {
+    /// All of it.
+    Whole,
+    /// K_G, and K_W where it stiffens the plate.
+    Hardening,
+    /// K_W where it stiffens the plate.
+    Supporting,
 }
 
 /// Forces and energies at a displacement.
@@ -87,6 +103,12 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
     /// Returns [`Error::Unfinished`] where there is none or the search ends elsewhere, and the
     /// errors of the engine.
     pub fn equilibrium(&self, start: Vec<f64>) -> Result<Equilibrium> {
+        self.search(start, INDEFINITE[0])
+    }
+
+    /// Finds the equilibrium in a search that ends after so many steps with an indefinite matrix,
+    /// where there are no obstacles.
+    fn search(&self, start: Vec<f64>, most_indefinite: u32) -> Result<Equilibrium> {
         let NonlinearPlate { engine, stiffness, bounds, .. } = *self;
         let alone = stiffness.into();
         let mut check = KktCheck::new(engine, &alone)?;
@@ -94,49 +116,62 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
         let (mut x, mut b) = (vec![0.0; u.len()], vec![0.0; u.len()]);
         let mut reaction = vec![0.0; bounds.len()];
         let mut remaining = bounds.clone();
-        let (mut last, mut indefinite) = (f64::INFINITY, 0);
+        let (mut last, mut moves, mut indefinite) = (f64::INFINITY, [f64::INFINITY; 2], 0);
         for iterations in 0..STEPS {
             let now = self.sample(&u)?;
             let length = self.length(&u);
             let problem = Problem { matrix: &alone, rhs: self.load, bounds, length };
             let answer = Answer { x: &mut u, reaction: &mut reaction };
             let kkt = check.residual(engine, &problem, &[&now.force], &answer)?;
-            if kkt <= SETTLED || kkt <= STALLED && kkt > 0.9 * last {
+            let [step, before] = moves;
+            let rests = step <= STILL * length || step <= CREEPING * length && step > 0.5 * before;
+            if rests && (kkt <= SETTLED || kkt <= STALLED && kkt > 0.9 * last) {
                 return Ok((u, reaction, StepReport { iterations, kkt, retries: 0 }));
             }
             last = kkt;
             // b = F - K U + W' - V'
             let bent = engine.multiply(stiffness, &u, &mut b)?;
-            b.iter_mut().zip(self.load.iter().zip(&now.force)).for_each(|(b, (load, force))| *b = load - *b + force);
+            b.iter_mut()
+                .zip(self.load.iter().zip(&now.force))
+                .for_each(|(b, (load, force))| *b = load - *b + force);
             let pushed = engine.dot(self.load, &u)?;
             let least = 0.5 * bent + now.stretched - now.work - pushed + self.stored(&u);
             // At the end rounding of these terms hides the descent.
             let most = least + ROUNDING * (0.5 * bent + now.stretched + now.work.abs() + pushed.abs());
             let mut answer = Answer { x: &mut x, reaction: &mut reaction };
-            match self.step([&b, &now.pull], now.stretched, &u, true, &mut remaining, &mut answer) {
-                Err(Error::Singular(_)) if self.following.is_some() => {
-                    indefinite += 1;
-                    if indefinite > INDEFINITE && engine.comm().all_reduce_all(bounds.is_empty()) {
+            for part in [TangentPart::Whole, TangentPart::Hardening, TangentPart::Supporting] {
+                let solved = self.step([&b, &now.pull], now.stretched, &u, part, &mut remaining, &mut answer);
+                match solved {
+                    Err(Error::Singular(_)) if part != TangentPart::Supporting => {}
+                    solved => {
+                        solved?;
+                        indefinite += u32::from(part != TangentPart::Whole && self.following.is_some());
                         break;
                     }
-                    self.step([&b, &now.pull], now.stretched, &u, false, &mut remaining, &mut answer)?;
                 }
-                solved => solved?,
             }
+            if indefinite > most_indefinite && engine.comm().all_reduce_all(bounds.is_empty()) {
+                break;
+            }
+            moves = [engine.comm().all_reduce_max(largest(x.iter().copied())), moves[0]];
             let mut moved = u.clone();
-            for length in (0..HALVINGS).map(|k| 0.5_f64.powi(k)) {
+            let reach = self.following.map_or(Ok(1.0), |following| following.reach(0.0, &u, &x))?;
+            let mut descends = false;
+            for length in (0..HALVINGS).map(|k| reach.min(1.0) * 0.5_f64.powi(k)) {
                 moved.copy_from_slice(&u);
                 axpy(length, &x, &mut moved);
                 // Beyond an electrode the load has no value.
-                match self.energy(&moved) {
-                    Ok(energy) if energy <= most => {
-                        u.copy_from_slice(&moved);
-                        break;
-                    }
-                    Err(error) if self.following.is_none() => return Err(error),
-                    _ => {}
+                let energy = self.energy(&moved);
+                descends = energy.as_ref().is_ok_and(|energy| *energy <= most);
+                if descends || self.following.is_none() && energy.is_err() {
+                    energy?;
+                    break;
                 }
             }
+            if !descends {
+                break;
+            }
+            u.copy_from_slice(&moved);
         }
         Err(Error::Unfinished("the search for the equilibrium of the plate ended without one".into()))
     }
@@ -152,15 +187,15 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
             return Ok(None);
         }
         let free = Bounds::default();
-        let rests = |share: f64, from: &mut Vec<f64>| {
-            match (NonlinearPlate { share, bounds: &free, ..*self }).equilibrium(from.clone()) {
-                Ok((u, _, _)) => {
-                    *from = u;
-                    Ok(true)
-                }
-                Err(Error::Unfinished(_) | Error::Singular(_) | Error::Scene(_)) => Ok(false),
-                Err(error) => Err(error),
+        let rests = |share: f64, from: &mut Vec<f64>| match (NonlinearPlate { share, bounds: &free, ..*self })
+            .search(from.clone(), INDEFINITE[1])
+        {
+            Ok((u, _, _)) => {
+                *from = u;
+                Ok(true)
             }
+            Err(Error::Unfinished(_) | Error::Singular(_) | Error::Scene(_)) => Ok(false),
+            Err(error) => Err(error),
         };
         let mut u = vec![0.0; self.load.len()];
         let (mut low, mut high) = (0.0, 1.0);
@@ -223,12 +258,12 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
         [b, pull]: [&[f64]; 2],
         stretched: f64,
         u: &[f64],
-        softens: bool,
+        part: TangentPart,
         remaining: &mut Bounds,
         answer: &mut Answer,
     ) -> Result<()> {
         let NonlinearPlate { engine, bounds, .. } = *self;
-        let tangent = (self.tangent)(u, self.share, softens)?;
+        let tangent = (self.tangent)(u, self.share, part)?;
         let tangent = self.stiffness + &tangent;
         let solver = Condensed::new(engine, &tangent, bounds.len())?;
         let mut solver = CheckedSolver::new(Box::new(solver), engine, &tangent)?;

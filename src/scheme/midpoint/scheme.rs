@@ -187,7 +187,11 @@ impl<E: Engine> Solution for Midpoint<'_, E> {
         let stored = self.rule.driver.sliding.as_ref().map(Sliding::stored);
         let stored = stored.map_or(Ok(0.0), |stored| self.system.total(stored))?;
         let followed = self.rule.followed.as_ref().map_or(0.0, |followed| followed.work);
-        Ok(Energies { work: energies.work + self.work + followed, elastic: energies.elastic + stored, ..energies })
+        Ok(Energies {
+            work: energies.work + self.work + followed,
+            elastic: energies.elastic + stored,
+            ..energies
+        })
     }
 
     fn approach(&self, bound: usize) -> Approach {

@@ -146,7 +146,8 @@ impl<E: Engine> Solution for Newmark<'_, E> {
     /// Returns the energies of the paper's `$E_n$` (section 5.2), with the central velocity and the
     /// true energy of stretching.
     fn energies(&self) -> Result<Energies> {
-        let Levels { system, parameters, u_n, force, stretching, followed, stored, instants, .. } = &self.levels;
+        let Levels { system, parameters, u_n, force, stretching, followed, stored, instants, .. } =
+            &self.levels;
         let [rate, v] = &mut *self.work.borrow_mut();
         let elastic = force.elastic_energy(system, u_n, rate)?;
         rate.iter_mut().zip(self.central_velocity()).for_each(|(rate, now)| *rate = now);

@@ -10,7 +10,7 @@ use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::quadrature::{self, Rule};
 use crate::element::{Element, with_element};
 use crate::error::Result;
-use crate::linalg::ElementMatrix;
+use crate::linalg::{ElementMatrix, vectors};
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::scene::{FieldInput, OfDeflection};
@@ -28,6 +28,9 @@ const GAUSS: [(f64, f64); 8] = [
     (0.8983332387068134, 0.11119051722668724),
     (0.9801449282487681, 0.05061426814518813),
 ];
+
+/// Change of the deflection, relative to the largest one, that is always within reach.
+const LEAST: f64 = 1e-3;
 
 /// Point of the quadrature of a cell.
 struct PressedPoint {
@@ -56,7 +59,9 @@ impl<P: Partition> FollowingPressure<P> {
     pub fn new(ground: &BuildContext<P>) -> Result<Option<FollowingPressure<P>>> {
         let BuildContext { scene, mesh, partition, space, .. } = *ground;
         let pressure = scene.load.as_ref().map(|load| &load.pressure);
-        let Some(pressure) = pressure.filter(|pressure| pressure.follows_deflection()) else { return Ok(None) };
+        let Some(pressure) = pressure.filter(|pressure| pressure.follows_deflection()) else {
+            return Ok(None);
+        };
         let cell = |number: usize| {
             let nodes = mesh.cells[number].nodes().iter();
             let places = nodes.flat_map(|node| PER_NODE * node..PER_NODE * (node + 1)).collect();
@@ -76,7 +81,12 @@ impl<P: Partition> FollowingPressure<P> {
             for which in 0..PER_NODE {
                 let of_nodes: Vec<f64> = shape.iter().skip(which).step_by(PER_NODE).copied().collect();
                 let sums = partition.sum_at_nodes(&of_nodes)?;
-                shape.iter_mut().skip(which).step_by(PER_NODE).zip(sums).for_each(|(value, sum)| *value = sum);
+                shape
+                    .iter_mut()
+                    .skip(which)
+                    .step_by(PER_NODE)
+                    .zip(sums)
+                    .for_each(|(value, sum)| *value = sum);
             }
         }
         Ok(shape)
@@ -136,7 +146,7 @@ impl<P: Partition> FollowingPressure<P> {
 impl PressedPoint {
     /// Returns the pressure and its derivative, times the weight.
     fn pressure(&self, pressure: &OfDeflection, places: &[usize], shape: &[f64]) -> Result<[f64; 2]> {
-        let [value, slope] = pressure.at(self.place, self.deflection(places, shape))?;
+        let [value, slope, _] = pressure.at(self.place, self.deflection(places, shape))?;
         Ok([self.weight * value, self.weight * slope])
     }
 
@@ -161,7 +171,7 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
                 for point in points {
                     let deflection = point.deflection(places, &shape);
                     for (share, weight) in GAUSS {
-                        let [value, _] = pressure.at(point.place, share * deflection)?;
+                        let [value, ..] = pressure.at(point.place, share * deflection)?;
                         work += point.weight * weight * deflection * value;
                     }
                 }
@@ -170,6 +180,27 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
         };
         self.partition.comm().all_ok(integrate())?;
         Ok(self.partition.comm().all_reduce_sum(work))
+    }
+
+    fn reach(&self, t: f64, u: &[f64], x: &[f64]) -> Result<f64> {
+        let (shape, change, pressure) = (self.shape(u)?, self.shape(x)?, self.pressure.of_deflection(t));
+        let farthest = vectors::largest(shape.iter().step_by(PER_NODE).copied());
+        let mut reach = f64::INFINITY;
+        let mut limit = || {
+            for (points, places) in &self.cells {
+                for point in points {
+                    let [_, slope, curvature] = pressure.at(point.place, point.deflection(places, &shape))?;
+                    let step = point.deflection(places, &change);
+                    if slope > 0.0 && curvature * step > 0.0 {
+                        let free = (slope / curvature).abs().max(LEAST * farthest);
+                        reach = reach.min(free / step.abs());
+                    }
+                }
+            }
+            Ok(())
+        };
+        self.partition.comm().all_ok(limit())?;
+        Ok(-self.partition.comm().all_reduce_max(-reach))
     }
 }
 

@@ -1,0 +1,124 @@
+//! Pressures that depend on the deflection: equilibria and their end in closed form, and the energy
+//! in time.
+
+use crate::common::scenes::{close, grid, inspect, model, newmark, refusal, run, scene};
+
+const EPSILON: f64 = 8.854e-12;
+
+/// A stiff square of 1 m2 on a foundation of k = 1 MN/m, over an electrode at 1 mm: a piston.
+fn piston(volts: f64, element: &str, more: &str) -> String {
+    format!(
+        "plate = {{ length = 1, width = 1, thickness = 0.1, youngs_modulus = 200e9, poissons_ratio = 0.3, \
+         density = 1000 }}\n{}foundation = [{{ stiffness = 1e6 }}]\nparameters.v = {volts:?}\n\
+         load.pressure = \"-0.5*{EPSILON:e}*v^2/(1e-3 + w)^2\"\ninitial.equilibrium = true\n{}\
+         output = {{ probes = [{{ name = \"c\", at = [0.3, 0.6] }}] }}\n{more}\n",
+        grid(element, 2, 2),
+        newmark("consistent", 1e-4, 1e-3)
+    )
+}
+
+/// A piston is pulled in at a third of its gap, at `$V^2 = 8 k g^3 / (27 \varepsilon A)$`.
+#[test]
+fn a_piston_is_pulled_in_at_a_third_of_its_gap() {
+    let square = 8.0 * 1e6 * 1e-9 / (27.0 * EPSILON);
+    for element in ["fvs", "hct"] {
+        let factor = inspect(&piston(3000.0, element, "")).pull_in_factor.unwrap();
+        close("pull-in", factor, square / 9e6, 2e-4);
+        // k w (g + w)^2 = -eps V^2 / 2
+        let rows = run(&piston(5000.0, element, ""));
+        let w = rows[0].probes[0];
+        close("equilibrium", -1e6 * w * (1e-3 + w).powi(2), 0.5 * EPSILON * 25e6, 1e-9);
+        assert!(rows.iter().all(|row| row.kinetic <= 1e-16 * rows[0].elastic));
+        let near = run(&piston((0.9999 * square).sqrt(), element, ""))[0].probes[0];
+        assert!((-1e-3 / 3.0..-3.2e-4).contains(&near), "{near}");
+        let error = refusal(&piston((1.05 * square).sqrt(), element, "")).to_string();
+        assert!(error.contains("pulls the plate in") && error.contains("0.952"), "{error}");
+        // On a stop before the electrode it rests.
+        let stop = "obstacle = [{ side = \"below\", height = -6e-4 }]";
+        let stopped = run(&piston((1.05 * square).sqrt(), element, stop));
+        // The plate bends a little between the nodes.
+        close("stopped", stopped[0].probes[0], -6e-4, 1e-4);
+        let force = 0.5 * EPSILON * 1.05 * square / 0.16e-6 - 600.0;
+        close("force", stopped[0].contact_force, force, 1e-4);
+    }
+}
+
+/// A clamped strip is pulled in at `$\varepsilon V^2 L^4 / (2 D g^3) = 70.095$` (finite differences,
+/// extrapolated).
+#[test]
+fn a_clamped_strip_is_pulled_in_as_a_beam() {
+    let factor = |cells: usize| {
+        let text = format!(
+            "plate = {{ length = 1, width = 0.1, thickness = 1e-2, youngs_modulus = 12e6, poissons_ratio = 0, density = 100 }}\n\
+             support = [{{ edge = \"left\", kind = \"clamped\" }}, {{ edge = \"right\", kind = \"clamped\" }}]\n{}\
+             load.pressure = \"-50/(1 + w)^2\"\n{}",
+            grid("fvs", cells, 1),
+            newmark("singular", 1e-3, 1e-3)
+        );
+        50.0 * inspect(&text).pull_in_factor.unwrap()
+    };
+    let [coarse, fine] = [6, 12].map(factor);
+    println!("{coarse}, {fine}");
+    assert!((coarse - 70.095).abs() >= 2.0 * (fine - 70.095).abs(), "{coarse}, {fine}");
+    close("pull-in", fine, 70.095, 5e-3);
+}
+
+/// The invariant with the work of the pressure never rises through impacts, and the work is that of
+/// the pressure to the second order of the step.
+#[test]
+fn the_invariant_of_newmark_never_rises() {
+    let mut off = Vec::new();
+    for step in [4e-5, 2e-5] {
+        let text = piston(3000.0, "fvs", "obstacle = [{ side = \"below\", height = -6e-5 }]")
+            .replace("initial.equilibrium = true\n", "")
+            .replace(
+                "mass = \"consistent\", step = 0.0001, end = 0.001",
+                &format!("mass = \"singular\", step = {step:?}, end = 0.06"),
+            );
+        let (scene, model) = (scene(&text), model(&text));
+        let mut scheme = model.scheme(&scene).unwrap();
+        let mut last = scheme.invariant().unwrap();
+        let (mut touched, mut worst) = (false, 0.0_f64);
+        let potential = |w: f64| -0.5 * EPSILON * 9e6 * (1.0 / (1e-3 + w) - 1e3);
+        while scheme.time() < 0.06 {
+            scheme.advance().unwrap();
+            let energies = scheme.energies().unwrap();
+            let now = scheme.invariant().unwrap();
+            assert!(
+                now - last <= 1e-12 * energies.elastic.max(energies.kinetic).max(1e-6),
+                "{:e}",
+                now - last
+            );
+            last = now;
+            if !touched {
+                let w = scheme.displacement()[0];
+                worst = worst.max((energies.work + potential(w)).abs() / energies.work.abs().max(1e-4));
+            }
+            touched |= scheme.reaction().iter().any(|r| *r != 0.0);
+        }
+        assert!(touched);
+        off.push(worst);
+    }
+    println!("{off:?}");
+    assert!(off[1] <= 0.35 * off[0] && off[1] <= 1e-2, "{off:?}");
+}
+
+#[test]
+fn what_does_not_follow_is_refused() {
+    let time = "time = { scheme = \"newmark\", mass = \"consistent\", step = 0.0001, end = 0.001 }";
+    for (other, key) in [
+        ("scheme = \"conserving\", mass = \"singular\"", "time.scheme"),
+        ("scheme = \"exact\", mass = \"singular\"", "time.scheme"),
+        ("scheme = \"newmark\", mass = \"modal\"", "time.mass"),
+        ("scheme = \"midpoint\", mass = \"singular\"", "time.massless"),
+    ] {
+        let text = piston(3000.0, "fvs", "");
+        assert!(text.contains(time), "{text}");
+        let text = text.replace(time, &format!("time = {{ {other}, step = 1e-4, end = 1e-3 }}"));
+        let error = refusal(&text).to_string();
+        assert!(error.contains(key) && error.contains("depends on w"), "{error}");
+    }
+    // A parameter of the name hides the deflection.
+    let hidden = piston(3000.0, "fvs", "").replace("parameters.v", "parameters.w = 0\nparameters.v");
+    assert!(inspect(&hidden).pull_in_factor.is_none());
+}
