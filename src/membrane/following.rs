@@ -1,12 +1,14 @@
 //! Membrane that follows the deflection of its plate.
 
 use super::forces::{DeadLoad, InPlaneDisplacement};
-use super::{Membrane, MembraneCell, QuarticForm, Spaces, StrainPoint};
+use super::{MOST, Membrane, MembraneCell, QuarticForm, Spaces, StrainPoint};
 use crate::element::adaptive::Rules;
 use crate::error::Result;
+use crate::kernels::wide::widest;
 use crate::mesh::{Mesh, Point};
 use crate::plate::Sections;
 use nalgebra::Vector3;
+use pulp::Arch;
 use std::cell::RefCell;
 
 /// Membrane whose displacement in the plane minimises the energy for a given deflection.
@@ -34,11 +36,19 @@ impl FollowingMembrane {
     fn dofs(&self, shape: &[f64]) -> Result<Vec<f64>> {
         let mut membrane = self.membrane.borrow_mut();
         let mut dofs = vec![0.0; membrane.dofs];
-        for cell in &membrane.cells {
-            let slopes = cell.slopes(shape);
-            let strains: Vec<_> = cell.points.iter().zip(&slopes).map(bent).collect();
-            cell.add_force(&cell.points, &strains, &mut dofs);
-        }
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                for cell in &membrane.cells {
+                    let (local, mut sums) = (cell.local_shape(shape), [[0.0; MOST]; 2]);
+                    for point in &cell.points {
+                        point.add_force(point.bent(point.gradient(&local)), &mut sums);
+                    }
+                    cell.subtract_forces(&sums, &mut dofs);
+                }
+            },
+        );
         membrane.factor.solve(&mut dofs)?;
         Ok(dofs)
     }
@@ -50,15 +60,27 @@ impl FollowingMembrane {
     /// Returns the errors of the factor.
     pub fn evaluate(&self, shape: &[f64], gradient: &mut [f64]) -> Result<f64> {
         let dofs = self.dofs(shape)?;
+        let membrane = self.membrane.borrow();
         let mut energy = 0.0;
-        for cell in &self.membrane.borrow().cells {
-            let mut pull = vec![0.0; cell.places.len()];
-            for (point, (slope, force, of_point)) in cell.points.iter().zip(cell.forces(shape, &dofs)) {
-                energy += of_point;
-                point.add_flux(flux(force, slope), &mut pull);
-            }
-            cell.places.iter().zip(pull).for_each(|(&place, sum)| gradient[place] += sum);
-        }
+        widest(
+            Arch::new(),
+            #[inline(always)]
+            || {
+                for cell in &membrane.cells {
+                    let (bent, local) = (cell.local_shape(shape), cell.local(&dofs));
+                    let mut pull = [0.0; MOST];
+                    for point in &cell.points {
+                        let slope = point.gradient(&bent);
+                        let strain = point.bent(slope) + point.weighted_strain(&local);
+                        energy += 0.5 * strain.norm_squared();
+                        point.add_flux(flux(point.force(strain), slope), &mut pull);
+                    }
+                    for i in 0..cell.places.len() {
+                        gradient[cell.places[i]] += pull[i];
+                    }
+                }
+            },
+        );
         Ok(energy)
     }
 
@@ -70,14 +92,17 @@ impl FollowingMembrane {
     pub fn geometric_stiffness(&self, shape: &[f64]) -> Result<Vec<(Vec<usize>, Vec<f64>)>> {
         let dofs = self.dofs(shape)?;
         let cell = |cell: &MembraneCell| {
+            let (bent, local) = (cell.local_shape(shape), cell.local(&dofs));
             let count = cell.places.len();
-            let mut matrix = vec![0.0; count * count];
-            for (point, (_, force, _)) in cell.points.iter().zip(cell.forces(shape, &dofs)) {
-                for (column, basis) in matrix.chunks_exact_mut(count).zip(&point.gradients) {
-                    point.add_flux(flux(force, *basis), column);
+            let mut columns = vec![[0.0; MOST]; count];
+            for point in &cell.points {
+                let strain = point.bent(point.gradient(&bent)) + point.weighted_strain(&local);
+                let force = point.force(strain);
+                for (i, column) in columns.iter_mut().enumerate() {
+                    point.add_flux(flux(force, point.gradients.map(|gradient| gradient[i])), column);
                 }
             }
-            (cell.places.clone(), matrix)
+            (cell.places.clone(), columns.iter().flat_map(|column| &column[..count]).copied().collect())
         };
         Ok(self.membrane.borrow().cells.iter().map(cell).collect())
     }
@@ -106,25 +131,17 @@ impl FollowingMembrane {
     }
 }
 
-/// Returns the weighted strain R e of a point that its slopes alone cause.
-fn bent((point, [x, y]): (&StrainPoint, &[f64; 2])) -> Vector3<f64> {
-    point.root * Vector3::new(0.5 * x * x, 0.5 * x * y, 0.5 * y * y)
-}
-
 /// Returns the flux of a membrane force, as its work on the strains xx, xy, yy, along a slope.
+#[inline(always)]
 fn flux([xx, xy, yy]: [f64; 3], [x, y]: [f64; 2]) -> [f64; 2] {
     // The middle component works on both shear strains.
     [xx * x + 0.5 * xy * y, 0.5 * xy * x + yy * y]
 }
 
-impl MembraneCell {
-    /// Returns the slope, the weighted membrane force and the energy (J) at each point, for
-    /// deflections and slopes at all nodes and the dofs of the displacement in the plane.
-    fn forces(&self, shape: &[f64], dofs: &[f64]) -> impl Iterator<Item = ([f64; 2], [f64; 3], f64)> {
-        let local = self.local(dofs);
-        self.points.iter().zip(self.slopes(shape)).map(move |(point, slope)| {
-            let weighted = bent((point, &slope)) + point.weighted_strain(&local);
-            (slope, point.root.tr_mul(&weighted).into(), 0.5 * weighted.norm_squared())
-        })
+impl StrainPoint {
+    /// Returns the weighted strain R e that a slope alone causes.
+    #[inline(always)]
+    fn bent(&self, [x, y]: [f64; 2]) -> Vector3<f64> {
+        self.weighted([0.5 * x * x, 0.5 * x * y, 0.5 * y * y])
     }
 }

@@ -63,7 +63,7 @@ impl InPlaneDisplacement {
             });
             let strains = places.into_iter().zip(&points).map(|(place, point)| {
                 let strain = free_strain(number, place)?;
-                Ok(point.root * Vector3::new(-strain, 0.0, -strain))
+                Ok(point.weighted([-strain, 0.0, -strain]))
             });
             cell.add_force(&points, &strains.collect::<Result<Vec<_>>>()?, &mut force);
         }

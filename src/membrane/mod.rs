@@ -47,77 +47,152 @@ struct MembraneCell {
     points: Vec<StrainPoint>,
 }
 
+/// Largest number of local deflections and slopes of a cell.
+const MOST: usize = 12;
+
+/// Values at local deflections and slopes, followed by zeros.
+type Local = [f64; MOST];
+
 /// Point of the quadrature of a cell.
 struct StrainPoint {
-    /// Root R of the weight times the stiffness, `$R^T R = \omega A$`, for the strains xx, xy, yy.
+    /// Root R of the weight times the stiffness, `$R^T R = \omega A$`, for the strains xx, xy, yy:
+    /// an upper triangle.
     root: Matrix3<f64>,
-    /// Gradients of the local basis functions.
-    gradients: Vec<[f64; 2]>,
+    /// Components of the gradients of the local basis functions.
+    gradients: [Local; 2],
 }
 
+// The loops below have a fixed length, so that registers hold several of their terms.
 impl StrainPoint {
     /// Returns the gradient of a function with these local values.
-    fn gradient(&self, values: &[f64]) -> [f64; 2] {
-        let pairs = values.iter().zip(&self.gradients);
-        pairs.fold([0.0; 2], |[x, y], (value, g)| [x + value * g[0], y + value * g[1]])
+    #[inline(always)]
+    fn gradient(&self, values: &Local) -> [f64; 2] {
+        [scalar_product(&self.gradients[0], values), scalar_product(&self.gradients[1], values)]
     }
 
     /// Adds the forces of a flux through the gradients of the local basis functions.
-    fn add_flux(&self, [x, y]: [f64; 2], forces: &mut [f64]) {
-        forces.iter_mut().zip(&self.gradients).for_each(|(force, g)| *force += x * g[0] + y * g[1]);
+    #[inline(always)]
+    fn add_flux(&self, [x, y]: [f64; 2], forces: &mut Local) {
+        for i in 0..MOST {
+            forces[i] += x * self.gradients[0][i] + y * self.gradients[1][i];
+        }
     }
 
-    /// Returns the strain of the local dof `i` of both components.
-    fn strain(&self, i: usize) -> Vector3<f64> {
-        let count = self.gradients.len();
-        let [x, y] = self.gradients[i % count];
-        if i < count { Vector3::new(x, 0.5 * y, 0.0) } else { Vector3::new(0.0, 0.5 * x, y) }
+    /// Adds the forces of a weighted strain R e on both components.
+    #[inline(always)]
+    fn add_force(&self, strain: Vector3<f64>, [along, across]: &mut [Local; 2]) {
+        // The middle component works on both shear strains.
+        let [xx, xy, yy] = self.force(strain);
+        self.add_flux([xx, 0.5 * xy], along);
+        self.add_flux([0.5 * xy, yy], across);
     }
 
-    /// Returns the weighted strain R e of a local displacement of both components.
-    fn weighted_strain(&self, displacement: &[f64]) -> Vector3<f64> {
-        let (along, across) = displacement.split_at(self.gradients.len());
+    /// Returns the strain of a local dof of a component.
+    fn strain(&self, component: usize, i: usize) -> Vector3<f64> {
+        let [x, y] = self.gradients.map(|gradient| gradient[i]);
+        if component == 0 { Vector3::new(x, 0.5 * y, 0.0) } else { Vector3::new(0.0, 0.5 * x, y) }
+    }
+
+    /// Returns the weighted strain R e of a strain xx, xy, yy.
+    #[inline(always)]
+    fn weighted(&self, [xx, xy, yy]: [f64; 3]) -> Vector3<f64> {
+        let root = &self.root;
+        Vector3::new(
+            root.m11 * xx + root.m12 * xy + root.m13 * yy,
+            root.m22 * xy + root.m23 * yy,
+            root.m33 * yy,
+        )
+    }
+
+    /// Returns the weighted membrane force `$R^T R\, e$` of a weighted strain.
+    #[inline(always)]
+    fn force(&self, strain: Vector3<f64>) -> [f64; 3] {
+        let (root, a, b, c) = (&self.root, strain.x, strain.y, strain.z);
+        [root.m11 * a, root.m12 * a + root.m22 * b, root.m13 * a + root.m23 * b + root.m33 * c]
+    }
+
+    /// Returns the weighted strain of a local displacement.
+    #[inline(always)]
+    fn weighted_strain(&self, [along, across]: &[Local; 2]) -> Vector3<f64> {
         let [xx, xy] = self.gradient(along);
         let [yx, yy] = self.gradient(across);
-        self.root * Vector3::new(xx, 0.5 * (xy + yx), yy)
+        self.weighted([xx, 0.5 * (xy + yx), yy])
     }
+}
+
+/// Returns a scalar product in four sums that do not wait for each other.
+#[inline(always)]
+fn scalar_product(x: &Local, y: &Local) -> f64 {
+    let mut sums = [0.0; 4];
+    for start in (0..MOST).step_by(4) {
+        for lane in 0..4 {
+            sums[lane] += x[start + lane] * y[start + lane];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3])
 }
 
 impl MembraneCell {
     /// Returns the values of a displacement at the local dofs.
-    fn local(&self, u: &[f64]) -> Vec<f64> {
-        self.dofs.iter().map(|dof| dof.map_or(0.0, |(dof, factor)| factor * u[dof])).collect()
+    #[inline(always)]
+    fn local(&self, u: &[f64]) -> [Local; 2] {
+        let mut values = [[0.0; MOST]; 2];
+        let count = self.places.len();
+        for i in 0..count {
+            for component in 0..2 {
+                if let Some((dof, factor)) = self.dofs[component * count + i] {
+                    values[component][i] = factor * u[dof];
+                }
+            }
+        }
+        values
+    }
+
+    /// Returns the local deflections and slopes, given them at all nodes.
+    #[inline(always)]
+    fn local_shape(&self, shape: &[f64]) -> Local {
+        let mut values = [0.0; MOST];
+        for i in 0..self.places.len() {
+            values[i] = shape[self.places[i]];
+        }
+        values
     }
 
     /// Returns the slopes at the points, for deflections and slopes at all nodes.
     fn slopes(&self, shape: &[f64]) -> Vec<[f64; 2]> {
-        let local: Vec<f64> = self.places.iter().map(|&place| shape[place]).collect();
+        let local = self.local_shape(shape);
         self.points.iter().map(|point| point.gradient(&local)).collect()
+    }
+
+    /// Subtracts forces on both components at the local dofs.
+    #[inline(always)]
+    fn subtract_forces(&self, local: &[Local; 2], force: &mut [f64]) {
+        let count = self.places.len();
+        for component in 0..2 {
+            for i in 0..count {
+                if let Some((dof, factor)) = self.dofs[component * count + i] {
+                    force[dof] -= factor * local[component][i];
+                }
+            }
+        }
     }
 
     /// Adds the force `$-\int \mathrm{sym}\nabla v : A : e$` of weighted strains R e at points.
     fn add_force(&self, points: &[StrainPoint], strains: &[Vector3<f64>], force: &mut [f64]) {
-        let mut sums = vec![0.0; self.dofs.len()];
-        let (along, across) = sums.split_at_mut(self.places.len());
-        for (point, weighted) in points.iter().zip(strains) {
-            // The middle component works on both shear strains.
-            let [xx, xy, yy] = point.root.tr_mul(weighted).into();
-            point.add_flux([xx, 0.5 * xy], along);
-            point.add_flux([0.5 * xy, yy], across);
-        }
-        for ((dof, factor), sum) in self.dofs.iter().zip(sums).filter_map(|(dof, sum)| Some(((*dof)?, sum))) {
-            force[dof] -= factor * sum;
-        }
+        let mut sums = [[0.0; MOST]; 2];
+        points.iter().zip(strains).for_each(|(point, strain)| point.add_force(*strain, &mut sums));
+        self.subtract_forces(&sums, force);
     }
 
     /// Returns the stiffness in the plane over the local dofs with a free dof.
     fn stiffness(&self, number: usize) -> ElementMatrix {
         let free: Vec<usize> = (0..self.dofs.len()).filter(|&i| self.dofs[i].is_some()).collect();
         let factor = |i: usize| self.dofs[i].map_or(0.0, |(_, factor)| factor);
+        let count = self.places.len();
         let mut matrix = vec![0.0; free.len() * free.len()];
         for point in &self.points {
             let rows: Vec<Vector3<f64>> =
-                free.iter().map(|&i| point.root * point.strain(i) * factor(i)).collect();
+                free.iter().map(|&i| point.root * point.strain(i / count, i % count) * factor(i)).collect();
             for (a, row) in rows.iter().enumerate() {
                 for (b, column) in rows.iter().enumerate() {
                     matrix[a * free.len() + b] += row.dot(column);
@@ -175,7 +250,11 @@ fn points<const N: usize>(
             let root = stiffness.cholesky().ok_or_else(|| {
                 Error::Singular(format!("cell {cell}: the material has no stiffness in its plane"))
             })?;
-            let gradients = piece.basis(barycentric).gradient.column_iter().map(|g| [g.x, g.y]).collect();
+            let basis = piece.basis(barycentric).gradient;
+            let mut gradients = [[0.0; MOST]; 2];
+            for (i, gradient) in basis.column_iter().enumerate() {
+                (gradients[0][i], gradients[1][i]) = (gradient.x, gradient.y);
+            }
             points.push(StrainPoint { root: root.l().transpose(), gradients });
         }
     }

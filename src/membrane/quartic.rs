@@ -238,7 +238,7 @@ impl MembraneCell {
     fn pair_strains(&self, slopes: &[Vec<[f64; 2]>], [i, j]: [usize; 2]) -> Vec<Vector3<f64>> {
         let share = if i == j { 0.5 } else { 1.0 };
         let strain = |(point, ([ax, ay], [bx, by])): (&StrainPoint, (&[f64; 2], &[f64; 2]))| {
-            point.root * Vector3::new(ax * bx, 0.5 * (ax * by + ay * bx), ay * by) * share
+            point.weighted([ax * bx, 0.5 * (ax * by + ay * bx), ay * by]) * share
         };
         self.points.iter().zip(slopes[i].iter().zip(&slopes[j])).map(strain).collect()
     }
