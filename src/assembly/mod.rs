@@ -124,28 +124,18 @@ type Class = (Vec<i64>, std::result::Result<usize, usize>);
 /// Returns [`Error::Mesh`](crate::Error::Mesh) naming a cell that cannot carry its element, and the
 /// errors of the sections.
 pub fn cells(mesh: &Mesh, space: &DofMap, sections: &impl Sections) -> Result<Vec<CellArrays>> {
-    let extent = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.x.abs()).max(p.y.abs()));
-    // Positions that differ by a few roundings of the largest coordinate count as equal.
-    let grain = 16.0 * f64::EPSILON * extent;
+    let grain = mesh.grain();
     let mut classes: HashMap<Class, (CellClass, Rc<Local>)> = HashMap::new();
     let mut cells = Vec::with_capacity(mesh.cells.len());
     for (number, cell) in mesh.cells.iter().enumerate() {
         let nodes = cell.nodes();
-        let origin = mesh.nodes[nodes[0]];
-        let shape = nodes[1..]
-            .iter()
-            .flat_map(|&node| {
-                let arm = mesh.nodes[node] - origin;
-                [arm.x, arm.y].map(|a| (a / grain).round() as i64)
-            })
-            .collect();
         let factors = space.factors_of(nodes).map(Rc::from);
         let kind = match sections.kind(number) {
             Some(kind) if factors.is_none() => Ok(kind),
             _ => Err(number),
         };
         let count = classes.len();
-        let (class, local) = match classes.entry((shape, kind)) {
+        let (class, local) = match classes.entry((mesh.shape(number, grain), kind)) {
             std::collections::hash_map::Entry::Occupied(class) => class.get().clone(),
             std::collections::hash_map::Entry::Vacant(new) => {
                 let local = local::arrays(mesh, number, sections)?;

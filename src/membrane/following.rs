@@ -42,7 +42,7 @@ impl FollowingMembrane {
             || {
                 for cell in &membrane.cells {
                     let (local, mut sums) = (cell.local_shape(shape), [[0.0; MOST]; 2]);
-                    for point in &cell.points {
+                    for point in cell.points.iter() {
                         point.add_force(point.bent(point.gradient(&local)), &mut sums);
                     }
                     cell.subtract_forces(&sums, &mut dofs);
@@ -69,7 +69,7 @@ impl FollowingMembrane {
                 for cell in &membrane.cells {
                     let (bent, local) = (cell.local_shape(shape), cell.local(&dofs));
                     let mut pull = [0.0; MOST];
-                    for point in &cell.points {
+                    for point in cell.points.iter() {
                         let slope = point.gradient(&bent);
                         let strain = point.bent(slope) + point.weighted_strain(&local);
                         energy += 0.5 * strain.norm_squared();
@@ -95,7 +95,7 @@ impl FollowingMembrane {
             let (bent, local) = (cell.local_shape(shape), cell.local(&dofs));
             let count = cell.places.len();
             let mut columns = vec![[0.0; MOST]; count];
-            for point in &cell.points {
+            for point in cell.points.iter() {
                 let strain = point.bent(point.gradient(&bent)) + point.weighted_strain(&local);
                 let force = point.force(strain);
                 for (i, column) in columns.iter_mut().enumerate() {

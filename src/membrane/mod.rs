@@ -30,6 +30,9 @@ use crate::linalg::{CellClass, ElementMatrix, Engine, Factor, Native};
 use crate::mesh::Mesh;
 use crate::plate::Sections;
 use nalgebra::{Matrix3, Vector3};
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+use std::rc::Rc;
 
 /// Membrane of a plate, over the free dofs of both components of the displacement in the plane.
 pub struct Membrane {
@@ -44,7 +47,8 @@ struct MembraneCell {
     places: Vec<usize>,
     /// Free dof of each local dof of both components, one after the other, with its factor.
     dofs: Vec<Option<(usize, f64)>>,
-    points: Vec<StrainPoint>,
+    /// Points of the quadrature, which congruent cells of the same section share.
+    points: Rc<[StrainPoint]>,
 }
 
 /// Largest number of local deflections and slopes of a cell.
@@ -190,7 +194,7 @@ impl MembraneCell {
         let factor = |i: usize| self.dofs[i].map_or(0.0, |(_, factor)| factor);
         let count = self.places.len();
         let mut matrix = vec![0.0; free.len() * free.len()];
-        for point in &self.points {
+        for point in self.points.iter() {
             let rows: Vec<Vector3<f64>> =
                 free.iter().map(|&i| point.root * point.strain(i / count, i % count) * factor(i)).collect();
             for (a, row) in rows.iter().enumerate() {
@@ -211,7 +215,15 @@ impl Membrane {
     /// Returns the errors of cells and sections, and [`Error::Singular`] where the spaces leave
     /// the plate free to move in its plane.
     pub fn new(mesh: &Mesh, Spaces { maps, .. }: &Spaces, sections: &impl Sections) -> Result<Membrane> {
-        let cell = |number| cell(mesh, number, maps, sections);
+        let (grain, mut congruent) = (mesh.grain(), HashMap::new());
+        let cell = |number| {
+            let class = (mesh.shape(number, grain), sections.kind(number).ok_or(number));
+            let points: Rc<[StrainPoint]> = match congruent.entry(class) {
+                Entry::Occupied(class) => Rc::clone(class.get()),
+                Entry::Vacant(new) => new.insert(stiffness_points(mesh, number, sections)?.into()).clone(),
+            };
+            Ok(cell(mesh, number, maps, points))
+        };
         let cells: Vec<MembraneCell> = (0..mesh.cells.len()).map(cell).collect::<Result<_>>()?;
         let dofs = maps[0].dofs() + maps[1].dofs();
         let engine = Native::new(dofs);
@@ -222,8 +234,8 @@ impl Membrane {
     }
 }
 
-/// Returns a cell of the membrane.
-fn cell(mesh: &Mesh, number: usize, spaces: &[DofMap; 2], sections: &impl Sections) -> Result<MembraneCell> {
+/// Returns a cell of the membrane with its points.
+fn cell(mesh: &Mesh, number: usize, spaces: &[DofMap; 2], points: Rc<[StrainPoint]>) -> MembraneCell {
     let nodes = mesh.cells[number].nodes();
     let places: Vec<usize> = nodes.iter().flat_map(|node| PER_NODE * node..PER_NODE * (node + 1)).collect();
     let shift = spaces[0].dofs();
@@ -231,8 +243,12 @@ fn cell(mesh: &Mesh, number: usize, spaces: &[DofMap; 2], sections: &impl Sectio
     let across = places.iter().map(|&place| spaces[1].dof(place));
     let across = across.map(|dof| dof.map(|(dof, factor)| (shift + dof, factor)));
     let dofs = along.chain(across).collect();
-    let points = with_element!(&mesh.element(number)?, element => points(element, number, (&quadrature::DEGREE_2).into(), sections))?;
-    Ok(MembraneCell { places, dofs, points })
+    MembraneCell { places, dofs, points }
+}
+
+/// Returns the points of the stiffness in the plane of a cell.
+fn stiffness_points(mesh: &Mesh, number: usize, sections: &impl Sections) -> Result<Vec<StrainPoint>> {
+    with_element!(&mesh.element(number)?, element => points(element, number, (&quadrature::DEGREE_2).into(), sections))
 }
 
 /// Returns the points of a rule in a cell.

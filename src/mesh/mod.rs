@@ -100,6 +100,20 @@ impl Mesh {
         self.cells[cell].nodes().iter().map(|&node| self.nodes[node]).collect()
     }
 
+    /// Returns a length up to which distances count as equal, in m: a few roundings of the largest
+    /// coordinate.
+    pub fn grain(&self) -> f64 {
+        16.0 * f64::EPSILON * self.nodes.iter().fold(0.0, |m: f64, p| m.max(p.x.abs()).max(p.y.abs()))
+    }
+
+    /// Returns the shape of a cell in multiples of the [grain](Self::grain), which congruent cells
+    /// (translates of one another) share.
+    pub fn shape(&self, cell: usize, grain: f64) -> Vec<i64> {
+        let vertices = self.vertices(cell);
+        let arms = vertices[1..].iter().map(|vertex| vertex - vertices[0]);
+        arms.flat_map(|arm| [arm.x, arm.y].map(|a| (a / grain).round() as i64)).collect()
+    }
+
     /// Creates the element of a cell.
     ///
     /// # Errors
