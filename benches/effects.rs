@@ -20,6 +20,10 @@ const MESHES: [&str; 2] = ["[10, 4]", "[40, 16]"];
 /// Meshes on which the stresses are measured.
 const STRESSED: [&str; 3] = ["[10, 4]", "[20, 8]", "[64, 64]"];
 
+/// Meshes on which a plate stretches, and the relative time that a step may then take.
+const STRETCHED: [&str; 2] = ["[10, 4]", "[80, 32]"];
+const STRETCHING: f64 = 15.0;
+
 /// Number of watches of the stresses per turn.
 const STEPS: u32 = 16;
 
@@ -119,6 +123,29 @@ fn print_stress_costs(watch: Duration) {
     }
 }
 
+/// Prints the time of a step of a strip whose mid-plane stretches, without contact at some
+/// thicknesses, in units of the same step without; returns the largest.
+fn print_stretching_cost(watch: Duration) -> f64 {
+    println!("\n{:<30}{:>14}{:>14}   (time of a step, in units of one without)", "", "bare", "stretching");
+    let cost = |cells: &str| {
+        let held = "support = [{ edge = \"left\", kind = \"clamped\" }, \
+                    { edge = \"right\", kind = \"clamped\" }]\nload.pressure = -2e5";
+        let text = scene_text("fvs", cells, held);
+        let scenes = [text.clone(), format!("{text}in_plane.stretching = true")].map(|text| parsed(&text));
+        let models = scenes.each_ref().map(|scene| Model::new(scene).expect("a sound model"));
+        let steps = models.iter().zip(&scenes).map(|(model, scene)| {
+            let mut scheme = model.scheme(scene).expect("a sound start");
+            part("step", move || scheme.advance().expect("a sound step"))
+        });
+        let mut times = Times::default();
+        times.measure(&mut steps.collect::<Vec<_>>(), watch);
+        let (bare, ratio) = (1e6 * times.quartiles(0)[1], times.ratio(1, 0));
+        println!("{:<30}{bare:>11.2} us{ratio:>14.2}", format!("fvs {cells}"));
+        ratio
+    };
+    STRETCHED.map(cost).into_iter().fold(0.0, f64::max)
+}
+
 /// Returns the times of a step with each effect on a mesh.
 fn times(mesh: &str, watch: Duration) -> Times {
     let scenes = SCENES.map(|(_, more, _)| scene(mesh, more));
@@ -156,9 +183,11 @@ fn main() {
     // The bare plate is measured twice; the difference shows the noise of the machine.
     let noise = costs(1).into_iter().fold(0.0, |most: f64, cost| most.max((cost - 1.0).abs()));
     print_stress_costs(watch / 5);
+    let stretching = print_stretching_cost(watch / 5);
     if noise > 0.5 * NOTHING {
         println!("the machine is too busy to judge: the same scene twice differs by {:.1} %", 100.0 * noise);
     } else {
         assert!(is_report || most < NOTHING, "absent effects cost {most}");
+        assert!(is_report || stretching < STRETCHING, "stretching takes {stretching} times as long");
     }
 }
