@@ -2,7 +2,7 @@
 
 mod nonlinear;
 
-pub use nonlinear::{NonlinearPlate, TangentPart};
+pub use nonlinear::{NonlinearPlate, TangentOf, TangentPart};
 
 use super::conjugate_gradients;
 use crate::communicator::Communicator;

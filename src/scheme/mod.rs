@@ -49,7 +49,7 @@ pub use drive::{
     BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, StretchingEnergy, SupportMotion,
     TimeDependence, ViscousTip,
 };
-pub use equilibrium::{NonlinearPlate, TangentPart, equilibrium, equilibrium_on_bounds};
+pub use equilibrium::{NonlinearPlate, TangentOf, TangentPart, equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};
 pub use following_load::FollowingLoad;
 pub use massless::contact_compliance::ContactCompliance;

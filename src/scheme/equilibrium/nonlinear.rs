@@ -47,12 +47,19 @@ const STALLED: f64 = 1e-10;
 const STILL: f64 = 1e-8;
 const CREEPING: f64 = 1e-4;
 
+/// KKT residual below which a rise of it shortens the steps, and the least part of a step.
+const NEAR: f64 = 1e-4;
+const LEAST_SHARE: f64 = 0.125;
+
 /// Rounding error of an energy, relative to its parts.
 const ROUNDING: f64 = 1e-14;
 
 /// Relative accuracy of the load that pulls a plate in, and the largest one that is sought.
 const PULL_IN: f64 = 1e-4;
 const STRONGEST: f64 = 1e9;
+
+/// Function that returns a part of a stiffness at a displacement (m), given a factor.
+pub type TangentOf<'t> = dyn Fn(&[f64], f64, TangentPart) -> Result<Form> + 't;
 
 /// Plate that stretches, or whose load depends on the deflection, under a load.
 pub struct NonlinearPlate<'p, E: Engine> {
@@ -67,7 +74,7 @@ pub struct NonlinearPlate<'p, E: Engine> {
     /// Factor of that load.
     pub share: f64,
     /// Stiffness `$K_G + K_W$` at a displacement, or a part of it, given the factor of K_W.
-    pub tangent: &'p dyn Fn(&[f64], f64, TangentPart) -> Result<Form>,
+    pub tangent: &'p TangentOf<'p>,
     /// Load F, in N, one entry per dof.
     pub load: &'p [f64],
     /// Bounds on the deflections, in m.
@@ -115,8 +122,8 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
         let mut u = start;
         let (mut x, mut b) = (vec![0.0; u.len()], vec![0.0; u.len()]);
         let mut reaction = vec![0.0; bounds.len()];
-        let mut remaining = bounds.clone();
         let (mut last, mut moves, mut indefinite) = (f64::INFINITY, [f64::INFINITY; 2], 0);
+        let mut longest = 1.0;
         for iterations in 0..STEPS {
             let now = self.sample(&u)?;
             let length = self.length(&u);
@@ -127,6 +134,10 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
             let rests = step <= STILL * length || step <= CREEPING * length && step > 0.5 * before;
             if rests && (kkt <= SETTLED || kkt <= STALLED && kkt > 0.9 * last) {
                 return Ok((u, reaction, StepReport { iterations, kkt, retries: 0 }));
+            }
+            // Where rounding hides the energy, residuals tell that the model is too soft.
+            if kkt > last && kkt <= NEAR && self.following.is_none() {
+                longest = LEAST_SHARE.max(0.5 * longest);
             }
             last = kkt;
             // b = F - K U + W' - V'
@@ -140,8 +151,7 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
             let most = least + ROUNDING * (0.5 * bent + now.stretched + now.work.abs() + pushed.abs());
             let mut answer = Answer { x: &mut x, reaction: &mut reaction };
             for part in [TangentPart::Whole, TangentPart::Hardening, TangentPart::Supporting] {
-                let solved = self.step([&b, &now.pull], now.stretched, &u, part, &mut remaining, &mut answer);
-                match solved {
+                match self.step(&b, &now, &u, part, &mut answer) {
                     Err(Error::Singular(_)) if part != TangentPart::Supporting => {}
                     solved => {
                         solved?;
@@ -157,7 +167,7 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
             let mut moved = u.clone();
             let reach = self.following.map_or(Ok(1.0), |following| following.reach(0.0, &u, &x))?;
             let mut descends = false;
-            for length in (0..HALVINGS).map(|k| reach.min(1.0) * 0.5_f64.powi(k)) {
+            for length in (0..HALVINGS).map(|k| reach.min(longest) * 0.5_f64.powi(k)) {
                 moved.copy_from_slice(&u);
                 axpy(length, &x, &mut moved);
                 // Beyond an electrode the load has no value.
@@ -173,7 +183,7 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
             }
             u.copy_from_slice(&moved);
         }
-        Err(Error::Unfinished("the search for the equilibrium of the plate ended without one".into()))
+        Err(Error::Unfinished("initial: no equilibrium of the plate was reached".into()))
     }
 
     /// Returns the largest multiple of the load that depends on the deflection for which the plate
@@ -252,14 +262,13 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
         engine.comm().all_reduce_sum(bounds.stored_energy(|bound| u[bounds.dofs[bound]]))
     }
 
-    /// Minimises the model at a displacement, given b and -V', both in N, and V, in J.
+    /// Minimises the model at a displacement, given b, in N.
     fn step(
         &self,
-        [b, pull]: [&[f64]; 2],
-        stretched: f64,
+        b: &[f64],
+        Sample { pull, stretched, .. }: &Sample,
         u: &[f64],
         part: TangentPart,
-        remaining: &mut Bounds,
         answer: &mut Answer,
     ) -> Result<()> {
         let NonlinearPlate { engine, bounds, .. } = *self;
@@ -267,6 +276,7 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
         let tangent = self.stiffness + &tangent;
         let solver = Condensed::new(engine, &tangent, bounds.len())?;
         let mut solver = CheckedSolver::new(Box::new(solver), engine, &tangent)?;
+        let mut remaining = bounds.clone();
         remaining.shift(bounds, u);
         let root = (2.0 * stretched).sqrt();
         let mut gradient = vec![0.0; u.len()];
@@ -274,7 +284,7 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
         let (length, mut rhs) = (self.length(u), vec![0.0; u.len()]);
         RootSearch::default().run(root, |share| {
             waxpy(-share, &gradient, b, &mut rhs);
-            let problem = Problem { matrix: &tangent, rhs: &rhs, bounds: remaining, length };
+            let problem = Problem { matrix: &tangent, rhs: &rhs, bounds: &remaining, length };
             solver.solve(engine, &problem, &mut Answer { x: answer.x, reaction: answer.reaction })?;
             Ok(engine.dot(&gradient, answer.x)? - share)
         })?;
