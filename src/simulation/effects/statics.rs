@@ -59,7 +59,10 @@ impl<P: Partition> BuildContext<'_, P> {
                     "{key}: load.pressure pulls the plate in: its equilibrium ends at {share:.4} times this pressure; expected \
                      less, or an obstacle on which it comes to rest"
                 )),
-                _ => Error::Unfinished(format!("{key}: no equilibrium of the plate was reached")),
+                _ => Error::Unfinished(format!(
+                    "{key}: no equilibrium of the plate was reached; expected a smaller load, or an initial.deflection nearer \
+                     to it"
+                )),
             })
         });
         let (u, _, verdict) = ended?;
