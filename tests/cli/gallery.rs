@@ -152,6 +152,7 @@ fn every_scene_is_told_and_pinned() {
         "oilcan",
         "panel",
         "plywood",
+        "pull_in",
         "rattle",
         "reed",
         "snare",
