@@ -20,7 +20,7 @@
 //! to the right-hand side, since the midpoint velocity is `$2 x / \Delta t$`. [`instants`] tells
 //! how loads, obstacles and supports that depend on time enter.
 //!
-//! The energy of stretching is [quadratised](super::quadratisation), with g at the displacement
+//! The energy of stretching is quadratised (scalar auxiliary variable), with g at the displacement
 //! `$2 U^{n-1/2} - U^{n-3/2}$`, whose massless part no reflection disturbs: the step matrix gains
 //! `$g g^T$` and the right-hand side `$-g\, \psi^n$`, and `$\psi^{n+1} = \psi^n + 2\, g \cdot x$`. A load that depends on the deflection
 //! is taken there too.

@@ -27,7 +27,7 @@
 //!
 //! # Stretching
 //!
-//! The energy V of the mid-plane is [quadratised](super::quadratisation), with g at `$U^n$`. The
+//! The energy V of the mid-plane is quadratised (scalar auxiliary variable), with g at `$U^n$`. The
 //! force is the mean of `$\psi\, g$` before and after the instant:
 //!
 //! ```math
