@@ -37,7 +37,7 @@ pub struct Spaces {
     /// Rigid motions that no support holds: translations along x and y and rotation about the
     /// first node, in parts of the size of the plate.
     pub free: Vec<Vector3<f64>>,
-    /// Largest distance of a node from the first one, in m, by which rotations are scaled.
+    /// Largest distance between a node and the first node, in m: the unit of length of rotations.
     pub size: f64,
 }
 

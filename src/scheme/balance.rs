@@ -93,8 +93,7 @@ impl StepBalance {
         Ok(balance)
     }
 
-    /// Sets the force of stretching of a plate that stretches on its mesh: that of a displacement
-    /// (m) times a factor.
+    /// Sets the force of stretching on the mesh: a factor times the force at a displacement (m).
     pub(super) fn stretch<E: Engine>(&mut self, system: &System<E>, factor: f64, u: &[f64]) {
         if system.drive.membrane.is_some() {
             self.stretching = factor;

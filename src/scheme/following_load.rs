@@ -27,7 +27,7 @@ pub trait FollowingLoad {
     fn work(&self, t: f64, u: &[f64]) -> Result<f64>;
 
     /// Returns the multiple of a change x of the displacement (m) over which the stiffness of the
-    /// load keeps its size where it pulls the plate on: a pole, such as that of an electrode, lies
+    /// load keeps its size where it pulls the plate on: a pole, such as an electrode, lies
     /// farther away. Collective.
     ///
     /// # Errors

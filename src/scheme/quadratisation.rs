@@ -138,7 +138,7 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
     }
 }
 
-/// Search for the root s of a step, from one to the next.
+/// Search for the root s of each step, which begins at the root of the step before.
 #[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct RootSearch {
     /// Root of the last step.

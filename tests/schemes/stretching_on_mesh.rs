@@ -32,7 +32,7 @@ fn equilibria_of_squares() {
                     grid(element, cells, cells),
                     newmark("singular", 1e-4, 1e-3)
                 ));
-                // What is in equilibrium rests.
+                // A plate in equilibrium stays at rest.
                 let kinetic = rows.iter().map(|row| row.kinetic).fold(0.0, f64::max);
                 assert!(kinetic <= 1e-16 * rows[0].elastic, "{kinetic:e} of {:e}", rows[0].elastic);
                 rows[0].probes[0] / 0.01
@@ -63,7 +63,7 @@ const STOPS: &str = "obstacle = [{ side = \"below\", height = -3e-3 }]";
 /// The strip through its impacts: energy left, and distance of the variable from its energy.
 #[test]
 fn the_invariant_of_newmark_never_rises() {
-    let mut left = Vec::new();
+    let mut energies = Vec::new();
     for step in [4e-5, 2e-5, 1e-5] {
         for mass in ["singular", "consistent"] {
             let text = strip(&format!("\"newmark\", mass = \"{mass}\""), step, 0.03, STOPS);
@@ -83,14 +83,14 @@ fn the_invariant_of_newmark_never_rises() {
             assert!(largest <= 1e-12, "{mass}, {step}: {largest:e}");
             assert!(contacts >= 10, "{mass}, {step}: {contacts}");
             if mass == "singular" {
-                left.push(kept);
+                energies.push(kept);
             }
         }
         let gap = run_to_end(&strip("\"newmark\", mass = \"singular\"", step, 0.03, STOPS)).1.stretching_gap;
         assert!(gap.unwrap() <= 1e-2 * step / 4e-5, "{step}: {gap:?}");
     }
     // With the singular mass less is lost as the step falls.
-    assert!(left.is_sorted() && left[2] >= 0.9, "{left:?}");
+    assert!(energies.is_sorted() && energies[2] >= 0.9, "{energies:?}");
 }
 
 /// A square thrown in the shape of its first mode: without contact the true energy and the motion

@@ -44,7 +44,7 @@ struct PressedPoint {
 /// Pressure that depends on the deflection, on this process's part of the mesh.
 pub(super) struct FollowingPressure<P: Partition> {
     pressure: FieldInput,
-    /// Points of each cell, and the places of its deflections and slopes among those of all nodes.
+    /// Points of each cell, and the places of its deflections and slopes in the list for all nodes.
     cells: Vec<(Vec<PressedPoint>, Vec<usize>)>,
     nodes: usize,
     space: DofMap,

@@ -130,7 +130,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     }
 
     // M and K.
-    // The modes of a buckled plate are those of the plate without its forces.
+    // A buckled plate moves in the modes of the plate without its forces.
     let is_buckled =
         buckling::is_buckled(ground, &engine, mechanism)? && ground.scene.time.mass == Mass::Modal;
     let [unpressed, geometric] = if is_buckled { ground.without_prestress() } else { Default::default() };

@@ -51,7 +51,7 @@ impl<P: Partition> NodalEnergy<P> {
         let matrices = self.partition.comm().all_ok(matrices)?;
         let block = |number: usize| {
             let (whole, matrix) = &matrices[self.plate.cells[number]];
-            // A part may count the nodes of a cell from another one on.
+            // The first node of a cell may be another one in the part than in the whole.
             let place = |place| whole.iter().position(|other| *other == place);
             let nodes = ground.mesh.cells[number].nodes();
             let order: Vec<usize> = self.places(nodes.iter().copied()).filter_map(place).collect();
