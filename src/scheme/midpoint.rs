@@ -22,8 +22,9 @@
 //!
 //! The energy of stretching is quadratised (scalar auxiliary variable), with g at the displacement
 //! `$2 U^{n-1/2} - U^{n-3/2}$`, whose massless part no reflection disturbs: the step matrix gains
-//! `$g g^T$` and the right-hand side `$-g\, \psi^n$`, and `$\psi^{n+1} = \psi^n + 2\, g \cdot x$`. A load that depends on the deflection
-//! is taken there too.
+//! `$g g^T$` and the right-hand side `$-g\, \psi^n$`, and
+//! `$\psi^{n+1} = \psi^n + 2\, g \cdot x$`. A load that depends on the deflection is taken there
+//! too.
 
 pub mod instants;
 mod rule;
