@@ -8,7 +8,7 @@ use faer::{Mat, Side};
 use rebond::archive::Archive;
 use rebond::linalg::{Engine, Form};
 use rebond::scene::Scene;
-use rebond::scheme::{Event, Exact, ExactOptions, Scheme, Solution, Start};
+use rebond::scheme::{Event, Exact, ExactOptions, ModalScheme, Scheme, Solution, Start};
 use rebond::simulation::{DeflectionDof, Model};
 
 /// Returns the paper's scene, or other tables in its place, with the modal mass.
@@ -350,4 +350,13 @@ fn saving_a_state_does_not_change_it() {
     for [before, after] in &rows {
         assert!((before - rows[0][0]).abs() <= 1e-12 && before == after, "{before:e}, {after:e}");
     }
+}
+
+/// In contact every part is computed, so that such a step would not end within years.
+#[test]
+fn a_step_of_too_many_parts_is_refused() {
+    let model = falling_plate("fvs", [10, 4], 50, 1e-3);
+    let refused = ModalScheme::conserving(&model.system, 1e5, model.start.clone()).err().unwrap().to_string();
+    assert!(refused.starts_with("time.step = 1e5 s: the fastest of 50 modes has "), "{refused}");
+    assert!(refused.ends_with("expected at most 1e7"), "{refused}");
 }

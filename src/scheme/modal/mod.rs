@@ -106,6 +106,9 @@ use viscous_tips::ViscousTips;
 /// Longest part of a step, in periods of the fastest mode.
 const PART: f64 = 0.1;
 
+/// Most parts of a step. In contact each of them is computed, which takes seconds for this many.
+const MOST_PARTS: f64 = 1e7;
+
 /// Scheme for the modal mass; see the [module page](self).
 pub struct ModalScheme<'s, E: Engine> {
     system: &'s System<E>,
@@ -173,8 +176,8 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
     /// Starts the conserving scheme with steps of `dt` seconds.
     ///
     /// # Errors
-    /// Returns [`Error::Usage`] for a mass that is not modal, or too many modes for the compliance
-    /// of the contact, and the errors of the engine.
+    /// Returns [`Error::Usage`] for a mass that is not modal, too many modes for the compliance of
+    /// the contact, or a step that is too long for its fastest mode, and the errors of the engine.
     pub fn conserving(system: &'s System<E>, dt: f64, start: Start) -> Result<ModalScheme<'s, E>> {
         ModalScheme::with_rule(system, dt, start, StepRule::Splitting)
     }
@@ -232,7 +235,15 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         };
         let bounds = &system.bounds;
         let fastest = modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU);
-        let part = dt / (dt * fastest / PART).ceil().max(1.0);
+        let parts = (dt * fastest / PART).ceil().max(1.0);
+        if rule == StepRule::Splitting && parts > MOST_PARTS {
+            return Err(Error::Usage(format!(
+                "time.step = {dt:e} s: the fastest of {} modes has {fastest:.1e} Hz, so that a step in contact \
+                 is divided into {parts:.0e} parts; expected at most {MOST_PARTS:.0e}",
+                modes.count()
+            )));
+        }
+        let part = dt / parts;
         let mut scheme = ModalScheme {
             implicit: Implicit::new(rule, dt, &modes.squares, &decays),
             is_damped: decays.iter().any(|decay| *decay > 0.0),
