@@ -80,12 +80,11 @@ fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
     let refused = match (is_modal, scene.time.scheme.name()) {
         (false, SchemeName::Newmark | SchemeName::Midpoint) => None,
         (true, SchemeName::Conserving) if is_petsc => Some(("solver.engine".to_owned(), "\"native\"")),
-        (true, SchemeName::Conserving) => {
+        (_, SchemeName::Conserving) => {
             name.map(|index| (format!("support.{index}.name"), "supports without names"))
         }
         _ => {
-            let schemes =
-                "\"conserving\" with time.mass = \"modal\", or \"newmark\" or \"midpoint\" with another mass";
+            let schemes = "\"conserving\", or \"newmark\" or \"midpoint\" with a mass that is not modal";
             Some(("time.scheme".to_owned(), schemes))
         }
     };

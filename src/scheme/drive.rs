@@ -149,6 +149,9 @@ pub trait StretchingEnergy {
     /// # Errors
     /// Returns the errors of the solver in the plane.
     fn evaluate(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64>;
+
+    /// Returns the rigid motions of the plate that nothing restrains, one entry per dof.
+    fn rigid_motions(&self) -> &[Vec<f64>];
 }
 
 /// Time-dependent loads, obstacles and supports, and forces besides those of M, K and Rayleigh's

@@ -46,8 +46,17 @@ impl State {
             stretching: 0.0,
             energies: Energies::default(),
         };
+        state.stretch(system)?;
         state.update_energies(system)?;
         Ok(state)
+    }
+
+    /// Sets the energy of stretching to that of U.
+    pub fn stretch<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
+        if let Some(membrane) = &system.drive.membrane {
+            self.stretching = membrane.evaluate(&self.u, &mut vec![0.0; self.u.len()])?;
+        }
+        Ok(())
     }
 
     /// Saves the state to an archive or restores it from there.
@@ -62,19 +71,21 @@ impl State {
         archive.vector(VectorKind::Bounds, &mut self.reaction)
     }
 
-    /// Updates force and energies from U and V.
+    /// Updates force and energies from U, V and the energy of stretching.
     pub fn update_energies<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
         let mut elastic = system.force(&self.u, &mut self.force)?;
         if !system.bounds.laws.are_rigid() {
             let bounds = self.instant.bounds(&system.bounds);
             elastic += system.total(bounds.stored_energy(|bound| self.u[bounds.dofs[bound]]))?;
         }
-        if let Some(membrane) = &system.drive.membrane {
-            self.stretching = membrane.evaluate(&self.u, &mut vec![0.0; self.u.len()])?;
-            elastic += self.stretching;
-        }
-        let kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
-        self.energies = Energies { kinetic, elastic, work: system.work(&self.u)? };
+        elastic += self.stretching;
+        self.energies = Energies { kinetic: 0.0, elastic, work: system.work(&self.u)? };
+        self.update_kinetic(system)
+    }
+
+    /// Updates the kinetic energy from V.
+    pub fn update_kinetic<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
+        self.energies.kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
         Ok(())
     }
 
@@ -93,7 +104,7 @@ impl State {
         change_frame(velocities, &self.frame_rates, &rates, &mut self.v);
         self.frame_rates = rates;
         let before = self.energies.kinetic;
-        self.energies.kinetic = 0.5 * system.engine.mass_norm_squared(&system.mass, &self.v)?;
+        self.update_kinetic(system)?;
         Ok(self.energies.kinetic - before)
     }
 

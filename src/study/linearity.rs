@@ -76,7 +76,7 @@ pub fn of_run(scene: &Scene, outcome: &Outcome, warnings: &[String]) -> Option<S
     if let Some(gap) = outcome.stretching_gap.filter(|gap| *gap > MAX_GAP) {
         return Some(format!(
             "the variable by which the scheme knows the energy of stretching is {} % off its root: take a smaller time.step, \
-             or time.scheme = \"conserving\" with time.mass = \"modal\", which has no such variable",
+             or time.scheme = \"conserving\", which has no such variable",
             significant(100.0 * gap)
         ));
     }

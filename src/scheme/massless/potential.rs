@@ -81,6 +81,8 @@ const POWER_ITERATIONS: usize = 6;
 /// is used. Cells n times as long as wide have ratios of n^-2; rounding is below 1e-12.
 const RIGID: f64 = 1e-10;
 
+/// Error of `$\lambda$`, relative to its size, before the last round without obstacles.
+const MULTIPLIER_TOLERANCE: f64 = 1e-8;
 /// Error of p, relative to its displacement, at which the rounds end.
 const MEAN_TOLERANCE: f64 = 1e-12;
 /// Relative error of p above rounding, from which U(p) is taken not to exist. Observed are about
@@ -283,6 +285,43 @@ impl<'s, E: Engine> Potential<'s, E> {
         u.copy_from_slice(&self.u);
         reaction.copy_from_slice(&self.reaction);
         Ok(report)
+    }
+
+    /// Moves U to the minimiser of `$\tfrac12 U^T K U - f^T U$` at its own p without obstacles, for
+    /// a force f (N, one entry per dof), and sets its `$\lambda$` (m/s^2, one entry per velocity
+    /// dof), from an estimate of both. Collective.
+    pub(in crate::scheme) fn unobstructed(
+        &mut self,
+        force: &[f64],
+        u: &mut [f64],
+        multiplier: &mut [f64],
+    ) -> Result<()> {
+        let Potential { system, penalty, solver, b, x, projected, residual, augmented, .. } = self;
+        let System { engine, stiffness, mass, bounds, .. } = system;
+        residual.fill(0.0);
+        solver.without_bounds(bounds, |solve| {
+            let mut distance = f64::INFINITY;
+            for round in 1..=*ROUNDS.end() {
+                waxpy(*penalty, residual, multiplier, augmented);
+                engine.project_transpose(mass, augmented, x)?;
+                engine.multiply(stiffness, u, b)?;
+                subtract(b, x);
+                add(force, x);
+                solve(x)?;
+                add(x, u);
+                engine.project(mass, x, projected)?;
+                subtract(projected, residual);
+                axpy(*penalty, residual, multiplier);
+                let [missed, size] = [&**residual, &*multiplier].map(|v| engine.mass_norm_squared(mass, v));
+                let before = std::mem::replace(&mut distance, missed?.sqrt());
+                let reached =
+                    *penalty * distance <= MULTIPLIER_TOLERANCE * size?.sqrt() || distance > 0.5 * before;
+                if round >= *ROUNDS.start() && reached {
+                    break;
+                }
+            }
+            Ok(())
+        })
     }
 
     /// Sets the acceleration of a balance to that of the last solution, `$-\lambda$`, which

@@ -55,6 +55,13 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
 
     /// Sets x from the initial velocity (m/s), as if a step had ended at the start.
     pub fn begin(&mut self, velocity: &[f64], start: &State) -> Result<()> {
+        copy_scaled(0.5 * self.dt, velocity, &mut self.driver.x);
+        self.instants.begin(&start.instant)
+    }
+
+    /// Takes up the forces of stretching and of a load that depends on the deflection, which moved
+    /// with the initial velocity (m/s) before the start.
+    pub fn follow_deflection(&mut self, velocity: &[f64], start: &State) -> Result<()> {
         self.stretching = Quadratisation::new(self.driver.system, &start.u)?;
         self.followed = FollowedLoad::new(self.driver.system, &start.u)?;
         if self.stretching.is_some() || self.followed.is_some() {
@@ -63,8 +70,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
             self.midpoints = [0.5, 1.5].map(before);
             self.ahead.clone_from(&start.u);
         }
-        copy_scaled(0.5 * self.dt, velocity, &mut self.driver.x);
-        self.instants.begin(&start.instant)
+        Ok(())
     }
 
     /// Returns the mean rate `$2 x / \Delta t$` of U in the last step, in m/s: the initial velocity

@@ -121,6 +121,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         let mut rule = MidpointRule::new(system, dt, solver, support_velocities.clone())?;
         rule.driver.anchor_sliders(&now.u, 2.0);
         rule.begin(&start.velocity, &now)?;
+        rule.follow_deflection(&start.velocity, &now)?;
         Ok(Midpoint {
             system,
             rule,
@@ -213,6 +214,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
             None => {
                 rule.update(now, 1.0, next);
                 rule.instants.reach(now, time, 1.0, &mut next.instant)?;
+                next.stretch(self.system)?;
                 next.update_energies(self.system)?;
                 if let Some(stretching) = &mut rule.stretching {
                     stretching.compare(stretching.root, next.stretching);
