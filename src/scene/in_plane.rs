@@ -12,8 +12,8 @@ table! {
     #[derive(Debug, Clone, PartialEq)]
     pub struct InPlane {
         /// Whether the mid-plane stretches as the plate bends (von Karman), where supports hold the
-        /// plate in its plane; with `conserving`, or with `newmark` or `midpoint` and a mass that is
-        /// not modal.
+        /// plate in its plane; with `conserving`, or with `newmark` or `midpoint` and a mass that
+        /// is not modal.
         stretching: bool = truth().says("the mid-plane stretches").or_silent(false);
         /// Temperature above the one at which the plate has no stress, the same through the
         /// thickness, a field of x, y; supports that hold the plate in its plane turn its expansion

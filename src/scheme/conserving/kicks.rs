@@ -119,8 +119,9 @@ impl<'s, E: Engine> Kicks<'s, E> {
     }
 
     /// Removes the second of two energies (J), or as much of it as is a small part of their kinetic
-    /// energy, from the rates of a state other than those of rigid motions, which keep the momentum.
-    /// Returns whether the first one, the error of a step, is a small part too. Collective.
+    /// energy, from the rates of a state other than those of rigid motions, which keep the
+    /// momentum. Returns whether the first one, the error of a step, is a small part too.
+    /// Collective.
     pub fn remove_energy(&self, state: &mut State, [error, energy]: [f64; 2]) -> Result<bool> {
         let momenta = momenta(self.system, &self.rigid, &state.v)?;
         let rates = &self.inverse_masses * &momenta;

@@ -115,10 +115,10 @@ fn rigid_motions<P: Partition>(ground: &BuildContext<P>) -> Vec<Vec<f64>> {
         let shape: Vec<f64> =
             nodes.flat_map(|node| [free.x + slope.dot(&(node - centre)), slope.x, slope.y]).collect();
         let values = ground.space.interpolate(&shape).into_iter().enumerate();
-        let own = values.filter_map(|(dof, value)| Some((ground.partition.own_dof(dof)?, value)));
-        let own: Vec<(usize, f64)> = own.collect();
-        let mut motion = vec![0.0; own.len()];
-        own.iter().for_each(|(own_dof, value)| motion[*own_dof] = *value);
+        let part = values.filter_map(|(dof, value)| Some((ground.partition.own_dof(dof)?, value)));
+        let part: Vec<(usize, f64)> = part.collect();
+        let mut motion = vec![0.0; part.len()];
+        part.iter().for_each(|(own_dof, value)| motion[*own_dof] = *value);
         motion
     };
     rigid.free().iter().map(motion).collect()
