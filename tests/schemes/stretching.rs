@@ -177,10 +177,11 @@ fn periodic_motions_of_squares() {
     }
 }
 
-/// Runs a scene at four steps, and asserts that the energy is kept to rounding.
-fn keeps_energy(scene: impl Fn(f64) -> String) -> Vec<(f64, Vec<Instant>)> {
-    let kept = |step| {
-        let rows = run(&scene(step));
+/// Runs a scene over 1e5 steps of four lengths with six modes, and asserts that the energy is kept
+/// to rounding.
+fn keeps_energy(scene: impl Fn(f64, f64) -> String) -> Vec<(f64, Vec<Instant>)> {
+    let kept = |step: f64| {
+        let rows = run(&scene(step, 1e5 * step).replace("modes = 12", "modes = 6"));
         let worst = rows.iter().map(|row| (row.energy / rows[0].energy - 1.0).abs()).fold(0.0, f64::max);
         println!("{step}: {worst:e}");
         assert!(worst <= 1e-12, "{step}: {worst:e}");
@@ -213,9 +214,9 @@ fn strip(step: f64, end: f64, more: &str) -> String {
 
 #[test]
 fn impacts_keep_the_energy_at_any_step() {
-    for (step, rows) in keeps_energy(|step| strip(step, 4000.0 * step, "")) {
+    for (step, rows) in keeps_energy(|step, end| strip(step, end, "")) {
         let impacts = impacts(&rows);
-        assert!(impacts >= if step < 1e-5 { 1 } else { 2 }, "{step}: {impacts}");
+        assert!(impacts > 20, "{step}: {impacts}");
     }
 }
 
@@ -300,10 +301,11 @@ fn snapping(step: f64, end: f64, more: &str) -> String {
 #[test]
 fn a_snapping_plate_keeps_the_energy_at_any_step() {
     let stop = "obstacle = [{ side = \"below\", height = -1e-3 }]";
-    for (step, rows) in keeps_energy(|step| snapping(step, 0.1, stop)) {
+    for (step, rows) in keeps_energy(|step, end| snapping(step, end, stop)) {
         let snaps = count(&rows, |from, to| from.probes[0] * to.probes[0] < 0.0);
         let impacts = impacts(&rows);
-        assert!(snaps >= 5 && impacts >= 10, "{step}: {snaps} snaps, {impacts} impacts");
+        println!("{snaps} snaps, {impacts} impacts");
+        assert!(snaps > 20 && impacts > 20, "{step}: {snaps} snaps, {impacts} impacts");
     }
 }
 
