@@ -81,9 +81,10 @@ pub fn shapes<E: Engine>(
 const SHIFT_SEARCH: (usize, f64) = (20, 0.1);
 const HIGHEST: (usize, f64) = (400, 1e-6);
 
-/// Largest lambda / sigma that is found, and largest growth of sigma from one factorisation to the
-/// next.
+/// Largest lambda / sigma that is found while sigma is sought and afterwards, and largest growth of
+/// sigma from one factorisation to the next.
 const MOST_LAMBDA: f64 = 1e8;
+const MOST_LAMBDA_NEARBY: f64 = 1e3;
 const MOST_GROWTH: f64 = 100.0;
 
 /// Returns the highest natural frequency, of the fastest motion that a time step has to follow, in
@@ -93,7 +94,8 @@ const MOST_GROWTH: f64 = 100.0;
 /// momentum of v; its eigenvalues are `$\lambda / (\lambda + \sigma)$`. With sigma near the largest
 /// lambda, rounding does no harm. Where rows of B depend on each other, as on a plate that is held
 /// all round, some velocities have no momentum and belong to no deflection. Their eigenvalue is
-/// exactly 1, and is left out.
+/// exactly 1, and is left out. Rounding may take it from 1; sigma then lies between one from which
+/// lambda seems far larger and one from which it is smaller.
 ///
 /// # Errors
 /// Returns [`Error::Singular`] where K + sigma M is singular, because the mass does not see some
@@ -104,8 +106,8 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
     let mut product = vec![0.0; dofs];
     let elastic = engine.multiply(stiffness, &x, &mut product)?;
     let mut sigma = elastic / engine.multiply(mass, &x, &mut product)?;
-    let mut accuracy = SHIFT_SEARCH;
-    let limit = 1.0 - 1.0 / MOST_LAMBDA;
+    let (mut accuracy, mut most) = (SHIFT_SEARCH, MOST_LAMBDA);
+    let mut bracket = [0.0, f64::INFINITY];
     loop {
         let mut factor = engine.factor(&(stiffness + mass * sigma), &[])?;
         let mut u = vec![0.0; dofs];
@@ -125,6 +127,7 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
             }
             Ok(())
         };
+        let limit = 1.0 - 1.0 / most;
         let part = lanczos::largest(engine.velocities(mass), accuracy, limit, operator, metric)?;
         let value = sigma * part / (1.0 - part);
         if !(value.is_finite() && value > 0.0) {
@@ -133,10 +136,15 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
         if accuracy == HIGHEST {
             return Ok(value.sqrt() / TAU);
         }
-        if value <= 10.0 * sigma && sigma <= 10.0 * value {
-            accuracy = HIGHEST;
+        bracket[usize::from(value < sigma)] = sigma;
+        let [low, high] = bracket;
+        if value <= 10.0 * sigma && sigma <= 10.0 * value || high <= 2.0 * low {
+            (accuracy, most) = (HIGHEST, MOST_LAMBDA_NEARBY);
         }
         // Velocities without momentum that are not told apart yet have too large a value.
         sigma = value.min(MOST_GROWTH * sigma);
+        if accuracy != HIGHEST && !(low < sigma && sigma < high) {
+            sigma = (low * high).sqrt();
+        }
     }
 }
