@@ -78,9 +78,9 @@ fn check_in_plane(doc: &Document, scene: &Scene) -> Result<()> {
     let is_modal = scene.time.mass == Mass::Modal;
     let is_petsc = scene.solver.engine == EngineName::Petsc;
     let refused = match (is_modal, scene.time.scheme.name()) {
-        (false, SchemeName::Newmark | SchemeName::Midpoint) => None,
         (true, SchemeName::Conserving) if is_petsc => Some(("solver.engine".to_owned(), "\"native\"")),
-        (_, SchemeName::Conserving) => {
+        (false, SchemeName::Conserving | SchemeName::Newmark | SchemeName::Midpoint) => None,
+        (true, SchemeName::Conserving) => {
             name.map(|index| (format!("support.{index}.name"), "supports without names"))
         }
         _ => {
@@ -103,8 +103,8 @@ fn check_following(doc: &Document, scene: &Scene) -> Result<()> {
         return Ok(());
     }
     let why = "contradicts a load.pressure that depends on w";
-    if !matches!(scene.time.scheme.name(), SchemeName::Newmark | SchemeName::Midpoint) {
-        let wrong = format!("{why}; expected \"newmark\" or \"midpoint\"");
+    if scene.time.scheme.name() == SchemeName::Exact {
+        let wrong = format!("{why}; expected \"conserving\", \"newmark\" or \"midpoint\"");
         return Err(doc.fault("time.scheme", wrong));
     }
     if scene.time.mass == Mass::Modal {

@@ -19,6 +19,19 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::linalg::vectors::{add, axpy};
 
+/// Forces that depend on the deflection, as a step takes them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ForcesOfDeflection {
+    /// Instant, in s.
+    pub time: f64,
+    /// Displacement, in m, one entry per dof.
+    pub displacement: Vec<f64>,
+    /// Factor of the force of stretching, dimensionless.
+    pub stretching: f64,
+    /// Factor of the load, dimensionless.
+    pub load: f64,
+}
+
 /// Fields of the balance of forces of a step, `$M a + K u - F = G^T r$` over the free dofs.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StepBalance {
@@ -30,14 +43,8 @@ pub struct StepBalance {
     pub acceleration: Vec<f64>,
     /// Rate of u that dashpots act on, in m/s, one entry per dof; empty without dashpots.
     pub rates: Vec<f64>,
-    /// Displacement at which the force of stretching is taken, in m, one entry per dof; empty for a
-    /// plate that only bends, or with the modal mass.
-    pub stretched: Vec<f64>,
-    /// Factor of the force of stretching, dimensionless.
-    pub stretching: f64,
-    /// Instant (s) and displacement (m, one entry per dof) of the load that depends on the
-    /// deflection; `None` without such a load.
-    pub followed: Option<(f64, Vec<f64>)>,
+    /// Stretching of the mesh and loads that depend on the deflection; empty without either.
+    pub followed: Vec<ForcesOfDeflection>,
     /// Instants (s) of the time-dependent loads, and their weights.
     pub loads: Vec<(f64, f64)>,
     /// Places of the supports, in m, one entry per motion.
@@ -56,9 +63,7 @@ impl StepBalance {
             displacement: vec![0.0; system.engine.dofs()],
             acceleration: vec![0.0; system.engine.velocities(&system.mass)],
             rates: if system.drive.dashpots.is_some() { vec![0.0; system.engine.dofs()] } else { Vec::new() },
-            stretched: Vec::new(),
-            stretching: 0.0,
-            followed: None,
+            followed: Vec::new(),
             loads: Vec::new(),
             places: motions.clone(),
             support_rates: motions.clone(),
@@ -74,8 +79,7 @@ impl StepBalance {
     pub fn at_rest<E: Engine>(system: &System<E>, u: &[f64]) -> Result<StepBalance> {
         let mut balance = StepBalance::zero(system);
         balance.displacement.copy_from_slice(u);
-        balance.stretch(system, 1.0, u);
-        balance.follow(system, 0.0, u);
+        balance.follow(system, [1.0; 2], 0.0, u);
         balance.loads.push((0.0, 1.0));
         balance.places = system.drive.places(0.0)?;
         Ok(balance)
@@ -85,26 +89,25 @@ impl StepBalance {
     pub(super) fn at_start<E: Engine>(system: &System<E>, start: &State) -> Result<StepBalance> {
         let mut balance = StepBalance::zero(system);
         balance.displacement.copy_from_slice(&start.u);
-        balance.stretch(system, 1.0, &start.u);
-        balance.follow(system, 0.0, &start.u);
+        balance.follow(system, [1.0; 2], 0.0, &start.u);
         balance.loads.push((0.0, 1.0));
         balance.places.copy_from_slice(&start.instant.places);
         balance.support_rates = system.drive.rates(0.0)?;
         Ok(balance)
     }
 
-    /// Sets the force of stretching on the mesh: a factor times the force at a displacement (m).
-    pub(super) fn stretch<E: Engine>(&mut self, system: &System<E>, factor: f64, u: &[f64]) {
-        if system.drive.membrane.is_some() {
-            self.stretching = factor;
-            self.stretched = u.to_vec();
+    /// Adds the forces of stretching on the mesh and the load that depends on the deflection, times
+    /// factors, at an instant (s) and a displacement (m).
+    pub(super) fn follow<E: Engine>(
+        &mut self,
+        system: &System<E>,
+        [stretching, load]: [f64; 2],
+        time: f64,
+        u: &[f64],
+    ) {
+        if system.drive.membrane.is_some() || system.drive.following.is_some() {
+            self.followed.push(ForcesOfDeflection { time, displacement: u.to_vec(), stretching, load });
         }
-    }
-
-    /// Sets the load that depends on the deflection: the one at an instant (s) and a displacement
-    /// (m).
-    pub(super) fn follow<E: Engine>(&mut self, system: &System<E>, t: f64, u: &[f64]) {
-        self.followed = system.drive.following.is_some().then(|| (t, u.to_vec()));
     }
 
     /// Adds the change of the support frame from one velocity to another (m/s, one entry per
@@ -129,6 +132,14 @@ impl StepBalance {
         axpy(weight, &other.acceleration, &mut self.acceleration);
         axpy(weight, &other.rates, &mut self.rates);
         self.loads.extend(other.loads.iter().map(|(time, share)| (*time, weight * share)));
+        for forces in &other.followed {
+            let [stretching, load] = [weight * forces.stretching, weight * forces.load];
+            // A step begins where the one before ended.
+            match self.followed.last_mut().filter(|last| last.displacement == forces.displacement) {
+                Some(last) => (last.stretching, last.load) = (last.stretching + stretching, last.load + load),
+                None => self.followed.push(ForcesOfDeflection { stretching, load, ..forces.clone() }),
+            }
+        }
         axpy(weight, &other.places, &mut self.places);
         axpy(weight, &other.support_rates, &mut self.support_rates);
         axpy(weight, &other.support_accelerations, &mut self.support_accelerations);
@@ -157,13 +168,16 @@ impl StepBalance {
         if !self.rates.is_empty() {
             archive.vector(VectorKind::Dofs, &mut self.rates)?;
         }
-        if !self.stretched.is_empty() {
-            archive.vector(VectorKind::Dofs, &mut self.stretched)?;
-            archive.value(&mut self.stretching)?;
-        }
-        if let Some((t, u)) = &mut self.followed {
-            archive.value(t)?;
-            archive.vector(VectorKind::Dofs, u)?;
+        let mut followed = self.followed.len();
+        archive.value(&mut followed)?;
+        let zero = vec![0.0; self.displacement.len()];
+        self.followed.resize_with(followed, || ForcesOfDeflection {
+            displacement: zero.clone(),
+            ..Default::default()
+        });
+        for ForcesOfDeflection { time, displacement, stretching, load } in &mut self.followed {
+            archive.vector(VectorKind::Dofs, displacement)?;
+            [time, stretching, load].into_iter().try_for_each(|number| archive.value(number))?;
         }
         archive.value(&mut self.loads)?;
         for vector in [&mut self.places, &mut self.support_rates, &mut self.support_accelerations] {

@@ -149,9 +149,15 @@ pub trait StretchingEnergy {
     /// # Errors
     /// Returns the errors of the solver in the plane.
     fn evaluate(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64>;
+}
 
-    /// Returns the rigid motions of the plate that nothing restrains, one entry per dof.
-    fn rigid_motions(&self) -> &[Vec<f64>];
+/// Velocities of rigid motions of the plate with the singular mass, one entry per velocity dof.
+#[derive(Debug, Clone, Default)]
+pub struct RigidVelocities {
+    /// All of them: translation and tilts.
+    pub all: Vec<Vec<f64>>,
+    /// Motions that nothing restrains.
+    pub free: Vec<Vec<f64>>,
 }
 
 /// Time-dependent loads, obstacles and supports, and forces besides those of M, K and Rayleigh's
@@ -176,6 +182,8 @@ pub struct TimeDependence {
     pub stretching: Option<Rc<QuarticForm>>,
     /// Energy of stretching of the dofs; `None` with the modal mass or for a plate that only bends.
     pub membrane: Option<Box<dyn StretchingEnergy>>,
+    /// Velocities of rigid motions, where a force depends on the deflection.
+    pub rigid: RigidVelocities,
     /// Load that depends on the deflection.
     pub following: Option<Box<dyn FollowingLoad>>,
     /// Dry friction at bounded dofs of this rank; `None` where no rank has any.

@@ -3,6 +3,7 @@
 //! A scheme takes such a load F(t, U) at a known displacement: its step matrix stays the same. Its
 //! work enters the balance of energy like the one of a load in time. What the load stores is no
 //! part of the elastic energy, and the promise of a scheme about the energy holds beside this work.
+//! The conserving scheme counts the work by the potential of the load.
 
 use super::System;
 use crate::archive::{Archive, VectorKind};
@@ -25,6 +26,9 @@ pub trait FollowingLoad {
     /// # Errors
     /// Returns the errors of its formula.
     fn work(&self, t: f64, u: &[f64]) -> Result<f64>;
+
+    /// Returns whether the load at a displacement changes in time.
+    fn changes(&self) -> bool;
 
     /// Returns the multiple of a change x of the displacement (m) over which the stiffness of the
     /// load keeps its size where it pulls the plate on: a pole, such as an electrode, lies

@@ -43,11 +43,11 @@ mod solution;
 mod state;
 mod step_driver;
 
-pub use balance::StepBalance;
+pub use balance::{ForcesOfDeflection, StepBalance};
 pub use conserving::{Conserving, RelaxationStatistics};
 pub use drive::{
-    BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, StretchingEnergy, SupportMotion,
-    TimeDependence, ViscousTip,
+    BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, RigidVelocities, StretchingEnergy,
+    SupportMotion, TimeDependence, ViscousTip,
 };
 pub use equilibrium::{NonlinearPlate, TangentOf, TangentPart, equilibrium, equilibrium_on_bounds};
 pub use exact::{Exact, ExactOptions};

@@ -26,7 +26,10 @@ pub(super) struct State {
     pub frame_rates: Vec<f64>,
     /// Energy of stretching, a part of the elastic energy, in J.
     pub stretching: f64,
-    /// Energies of the state; the work is that of the constant load, in J.
+    /// Work since the start of a load that depends on the deflection, where the scheme counts it
+    /// here, in J.
+    pub followed: f64,
+    /// Energies of the state; the work is that of the constant load and of the one above, in J.
     pub energies: Energies,
 }
 
@@ -44,6 +47,7 @@ impl State {
             instant: system.instant(0.0)?,
             frame_rates: system.drive.rates(0.0)?,
             stretching: 0.0,
+            followed: 0.0,
             energies: Energies::default(),
         };
         state.stretch(system)?;
@@ -63,6 +67,7 @@ impl State {
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.energies)?;
         archive.value(&mut self.stretching)?;
+        archive.value(&mut self.followed)?;
         self.instant.archive(archive)?;
         archive.value(&mut self.frame_rates)?;
         archive.vector(VectorKind::Dofs, &mut self.u)?;
@@ -71,7 +76,7 @@ impl State {
         archive.vector(VectorKind::Bounds, &mut self.reaction)
     }
 
-    /// Updates force and energies from U, V and the energy of stretching.
+    /// Updates force and energies from U, V, the energy of stretching and the work above.
     pub fn update_energies<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
         let mut elastic = system.force(&self.u, &mut self.force)?;
         if !system.bounds.laws.are_rigid() {
@@ -79,7 +84,7 @@ impl State {
             elastic += system.total(bounds.stored_energy(|bound| self.u[bounds.dofs[bound]]))?;
         }
         elastic += self.stretching;
-        self.energies = Energies { kinetic: 0.0, elastic, work: system.work(&self.u)? };
+        self.energies = Energies { kinetic: 0.0, elastic, work: system.work(&self.u)? + self.followed };
         self.update_kinetic(system)
     }
 

@@ -103,11 +103,60 @@ fn the_invariant_of_newmark_never_rises() {
     assert!(off[1] <= 0.35 * off[0] && off[1] <= 1e-2, "{off:?}");
 }
 
+/// Plate, springs and the potential of the pressure add up to what they were, through impacts.
+#[test]
+fn the_conserving_scheme_counts_the_potential() {
+    for step in [2e-4, 5e-5] {
+        let text = piston(3000.0, "fvs", "obstacle = [{ side = \"below\", height = -6e-5 }]")
+            .replace("initial.equilibrium = true\n", "")
+            .replace(
+                "scheme = \"newmark\", mass = \"consistent\", step = 0.0001, end = 0.001",
+                &format!("scheme = \"conserving\", mass = \"singular\", step = {step:e}, end = 0.1"),
+            );
+        let (scene, model) = (scene(&text), model(&text));
+        let mut scheme = model.scheme(&scene).unwrap();
+        let potential = |w: f64| -0.5 * EPSILON * 9e6 * (1.0 / (1e-3 + w) - 1e3);
+        let (mut contacts, mut is_free) = (0, true);
+        while scheme.time() < 0.1 {
+            scheme.advance().unwrap();
+            let energies = scheme.energies().unwrap();
+            let scale = energies.elastic.max(energies.work);
+            assert!(energies.total().abs() <= 1e-12 * scale, "{step}: {energies:?}");
+            is_free &= scheme.reaction().iter().all(|r| *r == 0.0);
+            if is_free {
+                close("work", energies.work, -potential(scheme.displacement()[0]), 1e-4);
+            }
+            contacts += usize::from(scheme.reaction().iter().any(|r| *r != 0.0));
+        }
+        assert!(contacts > 3, "{contacts}");
+    }
+}
+
+/// A voltage that changes in time: the motion is of second order in the step.
+#[test]
+fn motions_under_a_load_in_time_converge_with_order_two() {
+    let last = |step: f64| {
+        let text = piston(3000.0, "hct", "")
+            .replace("initial.equilibrium = true\n", "")
+            .replace("*v^2", "*(v*sin(150*t))^2")
+            .replace(
+                "scheme = \"newmark\", mass = \"consistent\", step = 0.0001, end = 0.001",
+                &format!("scheme = \"conserving\", mass = \"singular\", step = {step:e}, end = 0.08"),
+            );
+        let rows = run(&text);
+        rows[rows.len() - 1].probes[0]
+    };
+    let [a, b, c] = [2e-4, 1e-4, 5e-5].map(last);
+    let order = ((a - b) / (b - c)).abs().log2();
+    println!("{order}: {a}, {b}, {c}");
+    assert!((1.7..=2.3).contains(&order), "{order}");
+}
+
 #[test]
 fn what_does_not_follow_is_refused() {
     let time = "time = { scheme = \"newmark\", mass = \"consistent\", step = 0.0001, end = 0.001 }";
     for (other, key) in [
-        ("scheme = \"conserving\", mass = \"singular\"", "time.scheme"),
+        ("scheme = \"conserving\", mass = \"modal\"", "time.mass"),
         ("scheme = \"exact\", mass = \"singular\"", "time.scheme"),
         ("scheme = \"newmark\", mass = \"modal\"", "time.mass"),
         ("scheme = \"midpoint\", mass = \"singular\"", "time.massless"),

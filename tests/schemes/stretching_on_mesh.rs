@@ -277,9 +277,6 @@ fn what_cannot_stretch_on_the_mesh_is_refused() {
     let refused = |text: &str| refusal(text).to_string();
     let error = refused(&strip("\"exact\", mass = \"singular\"", 1e-5, 1e-3, ""));
     assert!(error.contains("time.scheme: contradicts in_plane.stretching"), "{error}");
-    let named = strip("\"conserving\", mass = \"singular\"", 1e-5, 1e-3, "");
-    let error = refused(&named.replacen("kind =", "name = \"left\", kind =", 1));
-    assert!(error.contains("support.0.name: contradicts in_plane.stretching"), "{error}");
     let error =
         refused(&strip("\"midpoint\", mass = \"singular\", massless = \"equilibrium\"", 1e-5, 1e-3, ""));
     assert!(error.contains("time.massless") && error.contains("in_plane.stretching"), "{error}");

@@ -87,8 +87,9 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         let of_x = 1.0 + 2.0 * damping.stiffness / self.dt;
         waxpy(of_x, &self.driver.x, from, &mut balance.displacement);
         let factor = self.stretching.as_ref().map_or(0.0, Quadratisation::factor);
-        balance.stretch(system, factor, &self.ahead);
-        balance.follow(system, time + 0.5 * self.dt, &self.ahead);
+        if !self.ahead.is_empty() {
+            balance.follow(system, [factor, 1.0], time + 0.5 * self.dt, &self.ahead);
+        }
         if !balance.rates.is_empty() {
             balance.rates = self.mean_rate();
         }

@@ -199,8 +199,8 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let System { engine, mass, damping, drive, .. } = system;
         let is_start = self.record.step == 0;
         let mut balance = StepBalance::zero(system);
-        balance.stretch(system, stretching.as_ref().map_or(0.0, Quadratisation::factor), u_n);
-        balance.follow(system, self.record.time(), u_n);
+        let factor = stretching.as_ref().map_or(0.0, Quadratisation::factor);
+        balance.follow(system, [factor, 1.0], self.record.time(), u_n);
         let mut inertia = vec![0.0; u_n.len()];
         for (i, [d, e]) in self.increments().enumerate() {
             // The unknown and the damped rate of the first step are those of `start`.

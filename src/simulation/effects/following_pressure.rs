@@ -182,6 +182,10 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
         Ok(self.partition.comm().all_reduce_sum(work))
     }
 
+    fn changes(&self) -> bool {
+        self.pressure.changes()
+    }
+
     fn reach(&self, t: f64, u: &[f64], x: &[f64]) -> Result<f64> {
         let (shape, change, pressure) = (self.shape(u)?, self.shape(x)?, self.pressure.of_deflection(t));
         let farthest = vectors::largest(shape.iter().step_by(PER_NODE).copied());

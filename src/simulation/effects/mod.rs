@@ -40,7 +40,7 @@ pub(super) use reactions::{Reactions, Wrench};
 use super::{DeflectionDof, DofCoordinates, phase};
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::{ElementMatrix, Engine, SingularMassCell};
+use crate::linalg::{ElementMatrix, Engine, Form, SingularMassCell};
 use crate::obstacle::Bounds;
 use crate::partition::Partition;
 use crate::scene::Mass;
@@ -163,6 +163,10 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     (system.drive.terms, system.drive.load) = loads.in_time(ground)?;
     let following = FollowingPressure::new(ground)?;
     system.drive.following = following.map(|pressure| -> Box<dyn FollowingLoad> { Box::new(pressure) });
+    let is_singular = matches!(system.mass, Form::SingularMassCells(_));
+    if is_singular && (system.drive.membrane.is_some() || system.drive.following.is_some()) {
+        system.drive.rigid = ground.rigid_velocities();
+    }
 
     // The frame of the supports.
     let lifts = motion::lifts(ground, &system, mechanism)?;

@@ -23,7 +23,7 @@ use crate::linalg::{Engine, Form};
 use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::scene::SupportKind;
-use crate::scheme::{StepBalance, System};
+use crate::scheme::{ForcesOfDeflection, StepBalance, System};
 use crate::simulation::regions::supports;
 use std::rc::Rc;
 
@@ -215,13 +215,15 @@ impl Reactions {
                 self.modes.iter().zip(a).for_each(|(inertia, a)| axpy(*a, inertia, &mut force));
             }
         }
-        if let (Some(at_nodes), false) = (&self.stretching, balance.stretched.is_empty()) {
-            let pull = at_nodes(&balance.stretched)?;
-            axpy(balance.stretching, &self.rows(|force| force.copy_from_slice(&pull)), &mut force);
-        }
-        if let (Some(at_nodes), Some((t, u))) = (&self.following, &balance.followed) {
-            let push = at_nodes(*t, u)?;
-            axpy(-1.0, &self.rows(|force| force.copy_from_slice(&push)), &mut force);
+        for ForcesOfDeflection { time, displacement, stretching, load } in &balance.followed {
+            if let Some(at_nodes) = &self.stretching {
+                let pull = at_nodes(displacement)?;
+                axpy(*stretching, &self.rows(|force| force.copy_from_slice(&pull)), &mut force);
+            }
+            if let Some(at_nodes) = &self.following {
+                let push = at_nodes(*time, displacement)?;
+                axpy(-load, &self.rows(|force| force.copy_from_slice(&push)), &mut force);
+            }
         }
         for (k, lift) in self.lifts.iter().enumerate() {
             axpy(self.stretch(k, damping.stiffness, balance), &lift.force, &mut force);

@@ -9,6 +9,8 @@ use crate::dof_map::{NodeConstraint, Rigid};
 use crate::error::{Error, Result};
 use crate::mesh::{Point, Unions};
 use crate::partition::Partition;
+use crate::scheme::RigidVelocities;
+use nalgebra::Vector3;
 use std::collections::BTreeSet;
 
 impl<P: Partition> BuildContext<'_, P> {
@@ -37,6 +39,21 @@ impl<P: Partition> BuildContext<'_, P> {
         let constraints = self.comm().all_reduce_sum_slice(rigid.constraints());
         rigid.set_constraints(&constraints);
         rigid
+    }
+
+    /// Returns the velocities of rigid motions with the singular mass. Collective.
+    pub(super) fn rigid_velocities(&self) -> RigidVelocities {
+        let rigid = self.rigid(&[]);
+        let (centre, size) = rigid.frame();
+        let masses = self.terms.masses().map(|mass| mass.point);
+        let points: Vec<Point> = assembly::centres_of_mass(self.mesh, &self.cells).chain(masses).collect();
+        let velocities = |motions: &[Vector3<f64>]| {
+            let rate =
+                |motion: &Vector3<f64>, point: &Point| motion.x + motion.yz().dot(&(point - centre)) / size;
+            motions.iter().map(|motion| points.iter().map(|point| rate(motion, point)).collect()).collect()
+        };
+        let axes = [Vector3::x(), Vector3::y(), Vector3::z()];
+        RigidVelocities { all: velocities(&axes), free: velocities(&rigid.free()) }
     }
 
     /// Returns an error where nothing restrains a rigid motion and the singular mass gives it no

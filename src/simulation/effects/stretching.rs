@@ -13,22 +13,19 @@ use crate::scheme::{StretchingEnergy, System};
 use crate::simulation::membrane_forces::PlateMembrane;
 use crate::simulation::phase;
 use faer::Mat;
-use nalgebra::Vector3;
 
 /// Energy of stretching over the dofs. Every process computes the energy of the whole plate.
 pub(super) struct NodalEnergy<P: Partition> {
     plate: PlateMembrane,
     partition: P,
     space: DofMap,
-    rigid_motions: Vec<Vec<f64>>,
 }
 
 impl<P: Partition> NodalEnergy<P> {
     /// Creates it; `None` for a plate that only bends.
     pub fn new(ground: &BuildContext<P>) -> Option<NodalEnergy<P>> {
         let plate = ground.membrane.following()?.clone();
-        let (partition, space) = (ground.partition.clone(), ground.space.clone());
-        Some(NodalEnergy { plate, partition, space, rigid_motions: rigid_motions(ground) })
+        Some(NodalEnergy { plate, partition: ground.partition.clone(), space: ground.space.clone() })
     }
 
     /// Returns the place of each deflection and slope of nodes of this process in the list for all
@@ -39,7 +36,7 @@ impl<P: Partition> NodalEnergy<P> {
 
     /// Returns deflections and slopes of the whole plate, three per node. Collective.
     fn whole(&self, u: &[f64]) -> Vec<f64> {
-        let NodalEnergy { plate, partition, space, .. } = self;
+        let NodalEnergy { plate, partition, space } = self;
         let value = |dof| partition.own_dof(dof).map_or(0.0, |own_dof| u[own_dof]);
         plate.whole(partition, &space.shape(&(0..space.dofs()).map(value).collect::<Vec<_>>()))
     }
@@ -100,28 +97,6 @@ impl<P: Partition> StretchingEnergy for NodalEnergy<P> {
         }
         Ok(energy)
     }
-
-    fn rigid_motions(&self) -> &[Vec<f64>] {
-        &self.rigid_motions
-    }
-}
-
-/// Returns the rigid motions that nothing restrains, one entry per dof of this process. Collective.
-fn rigid_motions<P: Partition>(ground: &BuildContext<P>) -> Vec<Vec<f64>> {
-    let rigid = ground.rigid(&[]);
-    let (centre, size) = rigid.frame();
-    let motion = |free: &Vector3<f64>| {
-        let (slope, nodes) = (free.yz() / size, ground.mesh.nodes.iter());
-        let shape: Vec<f64> =
-            nodes.flat_map(|node| [free.x + slope.dot(&(node - centre)), slope.x, slope.y]).collect();
-        let values = ground.space.interpolate(&shape).into_iter().enumerate();
-        let part = values.filter_map(|(dof, value)| Some((ground.partition.own_dof(dof)?, value)));
-        let part: Vec<(usize, f64)> = part.collect();
-        let mut motion = vec![0.0; part.len()];
-        part.iter().for_each(|(own_dof, value)| motion[*own_dof] = *value);
-        motion
-    };
-    rigid.free().iter().map(motion).collect()
 }
 
 /// Returns the energy of stretching over the dofs; `None` with the modal mass, or where the plate
