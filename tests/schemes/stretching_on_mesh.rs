@@ -3,12 +3,13 @@
 //! restarts.
 
 use crate::common::scenes::{
-    Instant, all_round, close, grid, model, newmark, refusal, run, run_to_end, scene,
+    Drawing, Instant, all_round, close, grid, model, newmark, refusal, run, run_to_end, scene,
 };
 use rebond::archive::Archive;
 use rebond::linalg::Engine;
 use rebond::scheme::Scheme;
 use serde_json::Value;
+use std::f64::consts::TAU;
 
 /// Plate of 1 m x 1 m and h = 1 cm with D = 1 N m and rho h = 1 kg/m2.
 const SQUARE: &str = "plate = { length = 1, width = 1, thickness = 0.01, youngs_modulus = 10.92e6, \
@@ -46,6 +47,57 @@ fn equilibria_of_squares() {
             close(name, (4.0 * fine - coarse) / 3.0, exact, 1e-3);
         }
     }
+}
+
+/// Squares of mesh files: smooth waves, inner nodes drawn anywhere near their place, and Gmsh's own.
+#[test]
+fn equilibria_on_distorted_meshes() {
+    let exact = 1.511702;
+    let value = |mesh: String| {
+        let rows = run(&format!(
+            "{}{}{mesh}in_plane.stretching = true\nload.pressure = {}\ninitial.equilibrium = true\n{}\
+             output = {{ probes = [{{ name = \"centre\", at = [0.5, 0.5] }}] }}\n",
+            SQUARE.replace("length = 1, width = 1, ", ""),
+            all_round("simply_supported"),
+            160.0 * 10.92e-2,
+            newmark("singular", 1e-3, 1e-3)
+        ));
+        rows[0].probes[0] / 0.01 / exact - 1.0
+    };
+    let drawn = |drawing: Drawing, name: String| value(format!("mesh.file = \"{}\"\n", drawing.write(&name)));
+    let waves = |x: f64, y: f64| {
+        let shift = 0.04 * (TAU * x).sin() * (TAU * y).sin();
+        [x + shift, y - shift]
+    };
+    let jitter = |cells: usize| {
+        let shift = move |x: f64, y: f64| 0.2 / cells as f64 * (1e4 * (x + 0.7 * y).sin()).sin();
+        let is_inside = |x: f64| x > 1e-9 && x < 1.0 - 1e-9;
+        move |x: f64, y: f64| match is_inside(x) && is_inside(y) {
+            true => [x + shift(x, y), y + shift(y, 2.0 * x)],
+            false => [x, y],
+        }
+    };
+    for triangles in [false, true] {
+        let [coarse, fine] = [12, 24].map(|cells| {
+            let drawing = Drawing::grid([cells; 2], [1.0; 2], triangles, waves);
+            drawn(drawing, format!("stretched-waves-{triangles}-{cells}.msh"))
+        });
+        println!("waves, {triangles}: {coarse:e}, {fine:e}");
+        assert!((1.6..=2.6).contains(&(coarse / fine).log2()), "{coarse:e}, {fine:e}");
+        assert!(((4.0 * fine - coarse) / 3.0).abs() <= 1e-3, "{coarse:e}, {fine:e}");
+        let [coarse, fine] = [8, 32].map(|cells| {
+            let drawing = Drawing::grid([cells; 2], [1.0; 2], triangles, jitter(cells));
+            drawn(drawing, format!("stretched-jitter-{triangles}-{cells}.msh"))
+        });
+        println!("jitter, {triangles}: {coarse:e}, {fine:e}");
+        // The error may change its sign.
+        assert!(coarse.abs() <= 3e-3 && fine.abs() <= 3e-3 / 16.0, "{coarse:e}, {fine:e}");
+    }
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/gmsh/square_41_text.msh");
+    let [coarse, fine] =
+        [1, 2].map(|refine| value(format!("mesh = {{ file = \"{file}\", refine = {refine} }}\n")));
+    println!("Gmsh: {coarse:e}, {fine:e}");
+    assert!(fine.abs() <= coarse.abs() / 3.0 && fine.abs() <= 2e-3, "{coarse:e}, {fine:e}");
 }
 
 /// A clamped strip thrown on stops from several thicknesses.
