@@ -152,10 +152,9 @@ fn of_step(scene: &Scene, frequencies: &Frequencies) -> Vec<String> {
     {
         let (limit, highest) = (significant(limit), significant(highest));
         // A scene with dashpots or friction may have no such choice.
-        let remedy = match (scene.dissipates(), scene.stretches()) {
-            (true, _) => "",
-            (false, false) => "; time.scheme = \"conserving\" keeps it at any step",
-            (false, true) => "; time.scheme = \"conserving\" with time.mass = \"modal\" keeps it at any step",
+        let remedy = match scene.dissipates() {
+            true => "",
+            false => "; time.scheme = \"conserving\" keeps it at any step",
         };
         warnings.push(format!(
             "time.step = {written} s is too long for \"{}\" to keep the energy at impacts to 1 %, which takes {limit} s, because \
