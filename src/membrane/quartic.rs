@@ -18,10 +18,11 @@ use super::{Membrane, MembraneCell, StrainPoint};
 use crate::error::Result;
 use crate::kernels::wide::widest;
 use crate::linalg::eigen::symmetric_eigen;
-use crate::linalg::vectors::{axpy, dot};
+use crate::linalg::vectors::{axpy, dot, scale};
 use faer::Mat;
 use nalgebra::Vector3;
 use pulp::Arch;
+use serde::{Deserialize, Serialize};
 
 /// Singular value below which a direction is left out, relative to the largest.
 const LEAST: f64 = 1e-6;
@@ -42,7 +43,7 @@ pub struct QuarticForm {
 }
 
 /// Values of a [`QuarticForm`] at a position.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct Stretch {
     /// Strains s_k, in the root of J.
     strains: Vec<f64>,
@@ -158,6 +159,18 @@ impl QuarticForm {
                 }
             },
         );
+    }
+
+    /// Moves an evaluation to q, `gamma` of the way from another one: the products with q are
+    /// linear, and need no product of matrices.
+    pub fn interpolate(&self, q: &[f64], gamma: f64, from: &Stretch, to: &mut Stretch) {
+        for (to, from) in [(&mut to.products, &from.products), (&mut to.pull, &from.pull)] {
+            scale(gamma, to);
+            axpy(1.0 - gamma, from, to);
+        }
+        to.geometric = 0.5 * dot(&to.pull, &q[..to.pull.len()]) - self.least;
+        let products = to.products.chunks_exact(self.modes);
+        to.strains.iter_mut().zip(products).for_each(|(strain, product)| *strain = dot(product, q));
     }
 
     /// Returns the Hessian of V at an evaluated position, in 1/s^2.

@@ -36,7 +36,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         archive.value(&mut self.mean)?;
         let mut is_listed = self.is_listed;
         archive.value(&mut is_listed)?;
-        self.stretching.evaluate(&self.now.q);
+        self.stretching.archive(archive)?;
         self.contact.archive(archive)?;
         Approach::archive(&mut self.free, archive)?;
         if !archive.saves() {

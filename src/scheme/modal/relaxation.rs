@@ -191,7 +191,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         waxpy(gamma, &self.increments.q, &self.before.q, &mut self.now.q);
         waxpy(gamma, &self.increments.v, &self.before.v, &mut self.now.v);
         if gamma != 1.0 {
-            self.stretching.evaluate(&self.now.q);
+            self.stretching.interpolate(&self.now.q, gamma);
         }
         if let Some(next) = next {
             self.now.data = ModalData::between(&self.before.data, next, gamma).into();

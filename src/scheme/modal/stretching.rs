@@ -5,6 +5,8 @@
 //! the relaxation gamma. The massless rest of the displacement does not stretch the plate.
 
 use super::super::System;
+use crate::archive::Archive;
+use crate::error::Result;
 use crate::linalg::Engine;
 use crate::membrane::{QuarticForm, Stretch};
 use std::rc::Rc;
@@ -38,6 +40,21 @@ impl Stretching {
         if let Some(form) = &self.form {
             form.evaluate(q, &mut self.now);
         }
+    }
+
+    /// Moves the evaluation of the present position to q, `gamma` of the way from the one before.
+    pub fn interpolate(&mut self, q: &[f64], gamma: f64) {
+        if let Some(form) = &self.form {
+            form.interpolate(q, gamma, &self.before, &mut self.now);
+        }
+    }
+
+    /// Saves or restores the evaluation of the present position.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Checkpoint`] where the archive does not fit.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        if self.is_there() { archive.value(&mut self.now) } else { Ok(()) }
     }
 
     /// Returns the energy V of the present position, in J.
