@@ -49,7 +49,8 @@ fn equilibria_of_squares() {
     }
 }
 
-/// Squares of mesh files: smooth waves, inner nodes drawn anywhere near their place, and Gmsh's own.
+/// Squares of mesh files: smooth waves, inner nodes drawn anywhere near their place, and one of
+/// Gmsh.
 #[test]
 fn equilibria_on_distorted_meshes() {
     let exact = 1.511702;
