@@ -29,7 +29,7 @@ pub(super) struct State {
     /// Work since the start of a load that depends on the deflection, where the scheme counts it
     /// here, in J.
     pub followed: f64,
-    /// Energies of the state; the work is that of the constant load and of the one above, in J.
+    /// Energies of the state, in J; the constant load and the one above do the work.
     pub energies: Energies,
 }
 
@@ -55,7 +55,7 @@ impl State {
         Ok(state)
     }
 
-    /// Sets the energy of stretching to that of U.
+    /// Sets the energy of stretching to its value at U.
     pub fn stretch<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
         if let Some(membrane) = &system.drive.membrane {
             self.stretching = membrane.evaluate(&self.u, &mut vec![0.0; self.u.len()])?;

@@ -44,9 +44,11 @@ pub(super) struct Kicks<'s, E: Engine> {
     system: &'s System<E>,
     /// All rigid motions, and those that nothing restrains.
     rigid: [RigidPart<'s>; 2],
-    /// Forces and multiplier of `$\bar U$`: work space.
+    /// Work space: forces, in N, one entry per dof.
     force: Vec<f64>,
     push: Vec<f64>,
+    /// Last multiplier of `$\bar U$`, from which the next one is sought, in m/s^2, one entry per
+    /// velocity dof.
     multiplier: Vec<f64>,
     now: Pull,
     before: Pull,
@@ -163,10 +165,10 @@ impl<'s, E: Engine> Kicks<'s, E> {
         potential.unobstructed(force, &mut now.response, &mut now.deceleration)
     }
 
-    /// Removes an energy (J) from the rates of a state. The momentum stays where the rates without
-    /// it have much more energy; if not, that of motions which nothing restrains stays, and what is
-    /// more than a small part is left. Returns the kinetic energy of all but such motions, in J.
-    /// Collective.
+    /// Removes an energy (J) from the rates of a state. All momentum stays where the rates beside
+    /// rigid motions have much more energy; if not, only the momentum of unrestrained motions
+    /// stays, and what is more than a small part is left. Returns the kinetic energy beside
+    /// unrestrained motions, in J. Collective.
     pub fn remove_energy(&self, state: &mut State, energy: f64) -> Result<f64> {
         let mut vibration = 0.0;
         for part @ RigidPart { velocities, inverse_masses } in &self.rigid {
