@@ -19,7 +19,7 @@ PAGE = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- weight: begin -->\n", "<!-- weight: end -->\n"
 
 # Largest total, in lines of code.
-LIMIT = 60_000
+LIMIT = 61_700
 
 # Difference up to which a row of the page counts as true: lines, and share of the row.
 TOLERANCE = (30, 0.05)
@@ -69,6 +69,7 @@ CAPABILITIES = {
     "Accuracy against time": ["study/accuracy"],
     "Random numbers": ["random"],
     "Sweeps": ["sweep"],
+    "Periodic motions": ["continuation", "scheme/modal/return_map.rs"],
     "Commands": ["cli"],
 }
 

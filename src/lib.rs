@@ -42,6 +42,7 @@
 //! | [`output`] | csv, json, vtu, svg, png, html, progress |
 //! | [`study`] | inspection, inf-sup constant, comparisons, accuracy, the paper's figures |
 //! | [`sweep`] | many runs over keys of a scene, one by one or at random |
+//! | [`continuation`] | branches of periodic motions, stable or not |
 //! | [`cli`] | the command |
 //!
 //! Readers of the paper find its parts here:
@@ -128,6 +129,7 @@ pub mod simulation;
 pub mod output;
 pub mod study;
 pub mod sweep;
+pub mod continuation;
 pub mod cli;
 
 pub use error::{Error, Result};

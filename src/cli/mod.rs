@@ -6,6 +6,7 @@ mod cache;
 mod check;
 mod command;
 mod compare;
+mod continuation;
 mod figures;
 mod hard_scenes;
 pub mod launch;
@@ -50,7 +51,7 @@ Exit codes: 0 done; 2 scene or command line; 3 a solver did not converge; 4 read
 5 the energy guard stopped the run; 130 interrupted, with a checkpoint written.";
 
 /// Commands in the order of the help.
-static COMMANDS: [Entry; 18] = [
+static COMMANDS: [Entry; 19] = [
     Entry::new::<run::Run>("run").on_ranks(),
     Entry::new::<resume::Resume>("resume").on_ranks(),
     Entry::new::<check::Check>("check"),
@@ -59,6 +60,7 @@ static COMMANDS: [Entry; 18] = [
     Entry::new::<compare::Compare>("compare").on_ranks(),
     Entry::new::<study::Study>("study"),
     Entry::new::<sweep::SweepArgs>("sweep").on_ranks(),
+    Entry::new::<continuation::ContinueArgs>("continue"),
     Entry::new::<stability::Stable>("stability"),
     Entry::new::<figures::Figures>("figures"),
     Entry::new::<plot::Plot>("plot"),

@@ -3,6 +3,7 @@
 use super::command::{Execute, Program};
 use super::modes;
 use super::printing::print;
+use crate::continuation::{self, BranchReport};
 use crate::error::Result;
 use crate::output::plot::{self, Figure};
 use crate::output::run_folder::RunFolder;
@@ -20,7 +21,7 @@ Examples:
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct Plot {
-    /// Folder of a run or of a sweep
+    /// Folder of a run, of a sweep or of a continuation
     folder: PathBuf,
 }
 
@@ -28,6 +29,8 @@ impl Execute for Plot {
     fn execute(&self, _: Program) -> Result<()> {
         let (figures, absent) = if self.folder.join(sweep::JSON).is_file() {
             (sweep::figures(&SweepReport::read(&self.folder)?), Vec::new())
+        } else if self.folder.join(continuation::JSON).is_file() {
+            (continuation::figures(&BranchReport::read(&self.folder)?, None), Vec::new())
         } else {
             let run = RunFolder::read(&self.folder)?;
             let modes = modes::of_run(&run);

@@ -56,6 +56,7 @@ pub use massless::contact_compliance::ContactCompliance;
 pub use massless::potential::Potential;
 pub use midpoint::{Massless, Midpoint};
 pub use modal::ModalScheme;
+pub use modal::return_map::{Passage, Passing, ReturnMap};
 pub use newmark::{Newmark, NewmarkParameters};
 pub use registry::{Capabilities, EnergyPromise, SchemeName, SchemeSpec};
 pub use sliding::{BoundSlider, Friction};

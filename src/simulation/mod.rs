@@ -78,6 +78,7 @@ use crate::vi::{Condensed, Solver};
 use effects::{Attribution, BuildContext, Effects, OfCells, Reactions};
 use nodal_motion::NodalMotion;
 use plate_assembly::PlateAssembly;
+pub use readings::FramedProbe;
 use readings::Readings;
 use std::rc::Rc;
 use std::time::Instant;
@@ -393,6 +394,12 @@ impl<E: Engine> Model<E> {
     /// Starts a search for the largest von Mises stress; `None` unless the scene asks for extremes.
     pub fn stress_watch(&self) -> Option<StressWatch> {
         self.extremes.as_ref().map(StressWatch::new)
+    }
+
+    /// Returns the probes of deflections, each with its share of the lift by every support that
+    /// moves, per metre.
+    pub fn framed_deflections(&self) -> Vec<FramedProbe> {
+        self.readings.deflections().cloned().collect()
     }
 
     /// Returns whether [`Model::probes`] give the values at all probes: deflections beside supports

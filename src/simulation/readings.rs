@@ -17,7 +17,7 @@ use crate::stress::Moments;
 use std::rc::Rc;
 
 /// Sum over the engine's dofs of this process, with its share of every lift, per metre.
-pub(super) type FramedProbe = (Probe, Vec<f64>);
+pub type FramedProbe = (Probe, Vec<f64>);
 
 /// Quantity at a probe, as a function of one or three sums over the dofs.
 struct Reading {
@@ -174,6 +174,12 @@ impl Readings {
         let rate = |dof| dofs.binary_search(&dof).map_or(0.0, |place| velocity[place]);
         let shares = self.sums(is_chosen, rate, &rates);
         Ok(system.engine.comm().all_reduce_sum_slice(&shares))
+    }
+
+    /// Returns the probes of deflections with their shares of every lift.
+    pub fn deflections(&self) -> impl Iterator<Item = &FramedProbe> {
+        let chosen = self.readings.iter().filter(|reading| reading.quantity == ProbeQuantity::Deflection);
+        chosen.flat_map(|reading| &reading.terms)
     }
 
     /// Returns this process's share of the sums of chosen readings, for given values of the dofs

@@ -149,6 +149,7 @@ fn every_scene_is_told_and_pinned() {
         "cymbal",
         "disc",
         "drum",
+        "hardening",
         "oilcan",
         "panel",
         "plywood",

@@ -7,6 +7,7 @@ mod animate;
 mod beginning;
 mod cache;
 mod commands;
+mod continuation;
 mod fields;
 mod gallery;
 mod inspect;

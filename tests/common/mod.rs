@@ -2,6 +2,7 @@
 //! dense Cholesky solver, plates, scenes, the command, and ranks.
 #![allow(dead_code, unused_imports)] // Each test program uses only a part.
 
+pub mod branches;
 pub mod clock;
 pub mod command;
 pub mod models;

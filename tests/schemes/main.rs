@@ -7,6 +7,7 @@ mod balance;
 mod bouncing_ball;
 mod cantilever;
 mod conserving;
+mod continuation;
 mod damping;
 mod energy;
 mod exact;

@@ -69,6 +69,7 @@ mod midpoint;
 mod newmark;
 mod reach;
 mod relaxation;
+pub mod return_map;
 mod rotation;
 mod scheme;
 mod shown;
