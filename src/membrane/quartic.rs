@@ -19,7 +19,7 @@ use crate::error::Result;
 use crate::kernels::wide::widest;
 use crate::linalg::eigen::symmetric_eigen;
 use crate::linalg::vectors::{axpy, dot, scale};
-use faer::Mat;
+use faer::{ColRef, Mat, MatRef, Scale};
 use nalgebra::Vector3;
 use pulp::Arch;
 use serde::{Deserialize, Serialize};
@@ -175,14 +175,14 @@ impl QuarticForm {
 
     /// Returns the Hessian of V at an evaluated position, in 1/s^2.
     pub fn hessian(&self, stretch: &Stretch) -> Mat<f64> {
-        let mut hessian = Mat::zeros(self.modes, self.modes);
-        let parts = stretch.strains.iter().zip(stretch.products.chunks_exact(self.modes));
-        for ((s, product), form) in parts.zip(self.forms.chunks_exact(self.modes * self.modes)) {
-            for j in 0..self.modes {
-                let column = hessian.col_as_slice_mut(j);
-                axpy(4.0 * product[j], product, column);
-                axpy(2.0 * s, &form[j * self.modes..(j + 1) * self.modes], column);
-            }
+        let (size, rank) = (self.modes, stretch.strains.len());
+        let products = MatRef::from_column_major_slice(&stretch.products, size, rank);
+        let mut hessian = (products * products.transpose()) * Scale(4.0);
+        let forms = MatRef::from_column_major_slice(&self.forms, size * size, rank);
+        let bent = forms * ColRef::from_slice(&stretch.strains);
+        for j in 0..size {
+            let column = hessian.col_as_slice_mut(j);
+            column.iter_mut().enumerate().for_each(|(i, entry)| *entry += 2.0 * bent[j * size + i]);
         }
         for (j, column) in self.geometric.chunks_exact(self.modes).enumerate() {
             axpy(1.0, column, hessian.col_as_slice_mut(j));

@@ -1,9 +1,11 @@
 //! Plates whose mid-plane stretches, in modes: equilibria and frequencies of another program, the
 //! energy through impacts, and restarts.
 
+use crate::common::branches::{free, interpolated};
 use crate::common::scenes::{
     Drawing, Instant, STILL, all_round, close, grid, inspect, refusal, run, run_to_end,
 };
+use rebond::continuation::BranchRow;
 use serde_json::Value;
 use std::f64::consts::PI;
 
@@ -128,49 +130,27 @@ fn frequencies_of_one_mode() {
     }
 }
 
-/// Returns the frequency of the periodic motion of six modes that starts at rest with an amplitude
-/// at the centre: the share of a second shape is sought by secants until both cross zero together.
-fn periodic(kind: &str, in_plane: &str, cells: usize, amplitude: f64) -> f64 {
-    let (power, start) = if kind == "clamped" { (2, 0.15) } else { (1, 0.01) };
-    let quarter = |scale: f64, share: f64| {
-        let rest = format!(
-            "initial.deflection = '{scale:?}*0.01*(sin(pi*x)*sin(pi*y))^{power}*(1 + {share:?}*(cos(2*pi*x) + cos(2*pi*y) + 2))'\n\
-             time = {{ scheme = 'conserving', mass = 'modal', modes = 6, step = 1e-3, end = 0.1 }}"
-        );
-        let side = "probes = [{ name = \"side\", at = [0.25, 0.25] }, ";
-        let rows = run(&scene(kind, in_plane, cells, &rest).replace("probes = [", side));
-        let after = rows.iter().position(|row| row.probes[1] < 0.0).unwrap();
-        let [from, to] = [&rows[after - 1].probes, &rows[after].probes];
-        let part = from[1] / (from[1] - to[1]);
-        let time = 1e-3 * (after as f64 - 1.0 + part);
-        [0.5 * PI / time, (from[0] + part * (to[0] - from[0])) / THICKNESS, rows[0].probes[1] / THICKNESS]
-    };
-    let (mut scale, mut shares) = (amplitude, [0.0, start]);
-    let [_, mut before, _] = quarter(scale, shares[0]);
-    for _ in 0..8 {
-        let [frequency, side, centre] = quarter(scale, shares[1]);
-        if side.abs() <= 1e-5 && (centre / amplitude - 1.0).abs() <= 2e-4 {
-            return frequency;
-        }
-        shares = [shares[1], shares[1] - side * (shares[1] - shares[0]) / (side - before)];
-        (before, scale) = (side, scale * amplitude / centre);
-    }
-    panic!("{kind}, {in_plane}, {amplitude}: no period");
-}
-
+/// Free vibrations of twenty modes have the frequencies of converged backbones.
 #[test]
 fn periodic_motions_of_squares() {
     let reference: Value = serde_json::from_str(include_str!("../data/inplane.json")).unwrap();
-    // On clamped edges an amplitude of h takes more than six modes.
-    let squares = [("SSSS", "simply_supported", 2.0 * PI * PI, 3), ("CCCC", "clamped", CLAMPED_SQUARE, 2)];
-    for (name, kind, linear, count) in squares {
+    let squares =
+        [("SSSS", "simply_supported", 2.0 * PI * PI, 1e-2), ("CCCC", "clamped", CLAMPED_SQUARE, 2e-2)];
+    for (name, kind, linear, most) in squares {
         for in_plane in ["held", "normal", "free"] {
             let what = format!("{name} {in_plane}");
             let ratios = &reference["backbone_A_0.2_0.4_1.0"][&what];
-            for (which, amplitude) in [0.2, 0.4, 1.0].into_iter().enumerate().take(count) {
+            let rest =
+                "time = { scheme = 'conserving', mass = 'modal', modes = 20, step = 1e-3, end = 1e-3 }";
+            let branches =
+                [8, 16].map(|cells| free(&scene(kind, in_plane, cells, rest), [1.2e-4, most], 0.2));
+            for (which, amplitude) in [0.2, 0.4, 1.0].into_iter().enumerate() {
                 let exact = ratios[which].as_f64().unwrap();
                 converges(&format!("{what}, {amplitude}"), exact, 1e-3, |cells| {
-                    periodic(kind, in_plane, cells, amplitude) / linear
+                    let rows = &branches[usize::from(cells == 16)];
+                    let centre = |row: &BranchRow| (row.probes[0][1] / THICKNESS).powi(2);
+                    let ratio = |row: &BranchRow| 2.0 * PI / row.period / linear;
+                    interpolated(rows, amplitude * amplitude, centre, ratio)
                 });
             }
         }
