@@ -31,6 +31,7 @@ Examples:
   rebond sweep shaker.toml --over frequency=15..30:61 --period 1/frequency --up-and-down
   rebond sweep shaker.toml --over frequency=15..30:16 --over amplitude=1e-4,2e-4 --jobs 2
   rebond sweep shaker.toml --random 'amplitude=normal(1e-4,1e-5)' --criterion 'impacts > 0'
+  rebond sweep shaker.toml --over a=-1e-3..1e-3:64 --over v=-0.1..0.1:64 --basins
   mpirun -n 2 rebond sweep shaker.toml --ranks-per-run 1    # on PETSc, two runs at a time
 
 Ctrl-C stops it; the same command goes on with the runs that are missing.";
@@ -118,6 +119,9 @@ struct Settings {
     /// Measure the largest Lyapunov exponent too, at twice the time
     #[arg(long)]
     lyapunov: bool,
+    /// Tell the attractors that the runs settle on; with keys of the start, their basins
+    #[arg(long)]
+    basins: bool,
 }
 
 impl Settings {
@@ -286,6 +290,7 @@ impl SweepArgs {
         }
         let shown = folder.display();
         let mut text = report.statistics.as_ref().map_or(String::new(), SweepStatistics::text);
+        text += &report.basins.as_ref().map_or(String::new(), ToString::to_string);
         text += &format!("{}\n{} runs, {} failed\n", report.title, report.rows.len(), report.failures());
         text += &format!("{shown}/{}, {}\n", sweep::CSV, sweep::JSON);
         text += &pictures;

@@ -20,6 +20,10 @@ pub(super) fn check(doc: &Document, scene: &Scene) -> Result<()> {
     check_from(doc, scene)?;
     check_jumps(doc, scene)?;
     check_accelerations(doc, scene)?;
+    if scene.output.probes.is_empty() && scene.sweep.as_ref().is_some_and(|sweep| sweep.basins) {
+        let wrong = "has nothing to tell motions apart; expected at least one of output.probes";
+        return Err(doc.fault("sweep.basins", wrong));
+    }
     scene.in_plane.iter().try_for_each(|in_plane| in_plane.check(doc))?;
     check_temperature(doc, scene)?;
     check_following(doc, scene)?;

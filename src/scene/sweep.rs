@@ -43,6 +43,8 @@ table! {
             .says("of equal points, relative to the range of the motion").or(1e-3);
         /// `true` measures the largest Lyapunov exponent too.
         lyapunov: bool = truth().says("largest Lyapunov exponent").or_silent(false);
+        /// `true` tells the attractors that the runs settle on, and their shares.
+        basins: bool = truth().says("attractors and their shares").or_silent(false);
     } then checked
 }
 

@@ -7,6 +7,7 @@
 //! Keys may have random values too: then probabilities, distributions and sensitivities are told.
 //! `docs/sweeps.md` defines every measure and tells how to read the pictures.
 
+mod basins;
 mod conduct;
 pub mod lyapunov;
 mod measures;
@@ -25,6 +26,7 @@ mod row;
 mod statistics;
 mod store;
 
+pub use basins::{Attractor, Basins};
 pub use conduct::{Loader, SweepRecord, conduct, conduct_one, scene_at, spell};
 pub use measures::{Measures, ProbeMeasures, repetition};
 #[cfg(feature = "petsc")]

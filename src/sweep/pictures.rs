@@ -1,6 +1,7 @@
 //! Pictures of a sweep: bifurcation diagram and response curves over one key, maps over two; those
 //! of random values and of more keys have files of their own.
 
+use super::basins::Basins;
 use super::measures::Measures;
 use super::parallel::{self, shade};
 use super::plan::Direction;
@@ -13,8 +14,11 @@ use crate::scene::unit;
 use std::collections::BTreeSet;
 
 /// Names of the pictures, without their extensions.
-pub const PICTURES: [&str; 7] =
-    ["bifurcation", "response", "map", "parallel", "histograms", "distributions", "sensitivities"];
+pub const PICTURES: [&str; 8] =
+    ["bifurcation", "response", "map", "parallel", "histograms", "distributions", "sensitivities", "basins"];
+
+/// Largest number of attractors in the key of a picture.
+const MOST_NAMED: usize = 7;
 
 /// Largest number of probes with a panel of their own.
 const MOST_PROBES: usize = 4;
@@ -38,6 +42,9 @@ pub fn figures(report: &SweepReport) -> Vec<(&'static str, Figure)> {
         figures.push((PICTURES[1], response(report)));
     } else if report.keys.len() == 2 {
         figures.push((PICTURES[2], map(report)));
+    }
+    if let Some(basins) = report.basins.as_ref().filter(|_| report.keys.len() == 2) {
+        figures.push((PICTURES[7], basins_of(report, basins)));
     }
     if report.keys.len() > 2 {
         figures.push((PICTURES[3], parallel::figure(report)));
@@ -170,6 +177,30 @@ fn map(report: &SweepReport) -> Figure {
     figure
 }
 
+/// Plots the attractor of each run over both keys, in a colour each; motions that do not repeat are
+/// grey, failed runs white.
+fn basins_of(report: &SweepReport, basins: &Basins) -> Figure {
+    let edges = [0, 1].map(|key| edges(report.rows.iter().map(|row| row.values[key]).collect()));
+    let runs = report.rows.iter().filter(|row| row.measures.is_some());
+    let bars = runs.filter_map(|row| {
+        let [x, y] = [0, 1].map(|key| cell(&edges[key], row.values[key]));
+        let color = basins.labels.get(&row.index).map_or(Color::SHADE, |label| Color::of_palette(*label));
+        Some(Bar { x: x?, y: y?, color })
+    });
+    let names = basins.attractors.iter().enumerate().take(MOST_NAMED).map(|(index, attractor)| {
+        let name = format!("period {}, {:.1} %", attractor.period, 100.0 * attractor.fraction);
+        Curve::new(name, vec![[f64::NAN; 2]]).color(Color::of_palette(index)).marks(1).scattered()
+    });
+    let axis = |key: usize| key_axis(report, key).with(edges[key].iter().flat_map(|edge| edge.1)).tight();
+    let panel = Panel::new(axis(0), axis(1)).height(200.0).bars(bars).curves(names);
+    Figure::new(format!("{}: attractors", report.title)).panel(panel)
+}
+
+/// Returns the ends of the cell of a value.
+fn cell(edges: &[(f64, [f64; 2])], value: f64) -> Option<[f64; 2]> {
+    edges.iter().find(|edge| edge.0 == value).map(|edge| edge.1)
+}
+
 /// Plots one measure over both keys; failed runs stay white.
 fn map_panel(
     report: &SweepReport,
@@ -183,7 +214,7 @@ fn map_panel(
     let [low, high] = range(cells.iter().map(|cell| cell.1));
     let edges = [0, 1].map(|key| edges(report.rows.iter().map(|row| row.values[key]).collect()));
     let bars = cells.iter().filter_map(|(place, value)| {
-        let [x, y] = [0, 1].map(|key| edges[key].iter().find(|edge| edge.0 == place[key]).map(|edge| edge.1));
+        let [x, y] = [0, 1].map(|key| cell(&edges[key], place[key]));
         let share = if high > low { (value - low) / (high - low) } else { 0.0 };
         Some(Bar { x: x?, y: y?, color: shade(share) })
     });

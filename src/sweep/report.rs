@@ -1,5 +1,6 @@
 //! Rows of a sweep, and the files `sweep.json` and `sweep.csv` that have them.
 
+use super::basins::Basins;
 use super::quantities::{Quantity, of_plate, of_probe};
 use super::row::{ProbeHead, SweepRow};
 use super::statistics::SweepStatistics;
@@ -39,6 +40,9 @@ pub struct SweepReport {
     /// Statistics of runs with random values.
     #[serde(flatten)]
     pub statistics: Option<SweepStatistics>,
+    /// Attractors, if they are asked for.
+    #[serde(default)]
+    pub basins: Option<Basins>,
     /// Runs in the order of the plan.
     pub rows: Vec<SweepRow>,
     /// Resolved scene.
@@ -49,7 +53,8 @@ impl SweepReport {
     /// Creates the report of a scene's sweep that a command made.
     pub fn new(scene: &Scene, command: String, rows: Vec<SweepRow>) -> SweepReport {
         let probes = ProbeHead::of_scene(scene);
-        let random = scene.sweep.as_ref().and_then(|sweep| sweep.random.as_ref());
+        let spec = scene.sweep.as_ref();
+        let random = spec.and_then(|sweep| sweep.random.as_ref());
         let statistics = random.map(|random| SweepStatistics::new(random, &scene.parameters, &probes, &rows));
         SweepReport {
             title: scene.title.clone(),
@@ -60,6 +65,7 @@ impl SweepReport {
             probes,
             has_contact: scene.has_contact(),
             statistics,
+            basins: spec.filter(|spec| spec.basins).map(|spec| Basins::new(&rows, spec.tolerance)),
             rows,
             scene: serde_json::to_value(scene).unwrap_or_default(),
         }
@@ -111,6 +117,12 @@ impl SweepReport {
             of_probe(index, probe).into_iter().for_each(|quantity| columns.measure(quantity));
         }
         of_plate().into_iter().for_each(|quantity| columns.measure(quantity));
+        if let Some(basins) = &self.basins {
+            columns.add("attractor", |row| {
+                let label = basins.labels.get(&row.index);
+                label.map_or(String::new(), |label| (label + 1).to_string())
+            });
+        }
         if self.statistics.is_some() {
             columns.add("run", |row| row.index.to_string());
         }

@@ -209,7 +209,7 @@ fn criterion(vocabulary: &Vocabulary, expression: &str, draws: &[&SweepRow]) -> 
 
 /// Returns the ends of Wilson's interval of 95 per cent for a probability (E. B. Wilson, Journal of
 /// the American Statistical Association 22 (1927) 209-212).
-fn wilson(fulfilled: usize, runs: usize) -> [f64; 2] {
+pub(super) fn wilson(fulfilled: usize, runs: usize) -> [f64; 2] {
     if runs == 0 {
         return [0.0, 1.0];
     }

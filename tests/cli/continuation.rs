@@ -75,6 +75,38 @@ fn runs_lie_on_the_branch_and_jump_at_its_folds() {
     assert_fails(&rebond(&folder, &again), 2, &["holds a branch"]);
 }
 
+/// Starts of the strip lead to two motions: a large one on the pads, and one that meets neither.
+#[test]
+fn starts_lead_to_two_motions() {
+    const BASINS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/gallery/basins.toml");
+    let folder = folder("basins", "");
+    let given = ["--over", "deflection=-4e-3..4e-3:5", "--over", "speed=-0.6..0.6:5", "--out", "out"];
+    let said = succeeds(&rebond(&folder, &[&["sweep", BASINS][..], &given].concat()));
+    assert!(said.contains("attractor  period") && folder.join("out/plots/basins.png").is_file(), "{said}");
+    let told: serde_json::Value =
+        serde_json::from_slice(&fs::read(folder.join("out/sweep.json")).unwrap()).unwrap();
+    let attractors = told["basins"]["attractors"].as_array().unwrap();
+    assert!(attractors.len() == 2 && attractors.iter().all(|one| one["period"] == 1), "{said}");
+    assert_eq!(told["basins"]["unsettled"], 0);
+    let runs = rows(&folder.join("out/sweep.csv"));
+    for (label, attractor) in ["1", "2"].into_iter().zip(attractors) {
+        let counted: Vec<_> = runs.iter().filter(|row| row["attractor"] == label).collect();
+        assert_eq!(attractor["runs"], counted.len());
+        let share = attractor["fraction"].as_f64().unwrap();
+        assert!(
+            (share - counted.len() as f64 / 25.0).abs() < 1e-12 && attractor["low"].as_f64().unwrap() < share
+        );
+        assert!(counted.iter().all(|row| (number(row, "impacts") > 0.0) == (label == "1")));
+    }
+    assert!(attractors[1]["runs"].as_u64().unwrap() > 0);
+    let blind = ["--set", "output.probes=[]"];
+    assert_fails(
+        &rebond(&folder, &[&["sweep", BASINS][..], &blind].concat()),
+        2,
+        &["sweep.basins", "expected at least one of output.probes"],
+    );
+}
+
 #[test]
 fn what_cannot_be_followed_is_refused() {
     let folder = folder("continue-refused", "");

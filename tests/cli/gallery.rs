@@ -144,6 +144,7 @@ fn passes(curve: &[f64], step: f64, is_past: impl Fn(f64) -> bool) -> [f64; 2] {
 fn every_scene_is_told_and_pinned() {
     let pinned = [
         "ball",
+        "basins",
         "chaos",
         "clearance",
         "cymbal",

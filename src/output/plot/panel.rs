@@ -36,6 +36,13 @@ pub(super) enum Marker {
     Lines([[f64; 2]; 2]),
 }
 
+impl Color {
+    /// Returns the `index`-th colour of the palette.
+    pub fn of_palette(index: usize) -> Color {
+        COLORS[index % COLORS.len()]
+    }
+}
+
 /// A curve, a set of marks, or both.
 #[derive(Debug, Clone)]
 pub struct Curve {
@@ -80,7 +87,7 @@ impl Curve {
 
     /// Sets the `index`-th colour of the palette.
     pub fn palette(self, index: usize) -> Curve {
-        self.color(COLORS[index % COLORS.len()])
+        self.color(Color::of_palette(index))
     }
 
     /// Sets the `index`-th dash pattern; 0 is solid.
