@@ -165,7 +165,12 @@ impl Family for Driven<'_> {
         let beside = self.pass(state, key + change, false)?.0.end;
         (0..count).for_each(|k| jacobian[(k, k)] -= 1.0);
         jacobian.resize_with(count, count + 1, |i, _| (beside[i] - end[i]) / change);
-        let residuals = end.iter().zip(state).map(|(end, state)| end - state).collect();
+        let mut residuals: Vec<f64> = end.iter().zip(state).map(|(end, state)| end - state).collect();
+        // All equations are in roots of energies.
+        for (k, factor) in self.reference.iter().flat_map(|reference| &reference.factors).enumerate() {
+            residuals[k] *= factor;
+            jacobian.row_mut(k).iter_mut().for_each(|entry| *entry *= factor);
+        }
         Ok(ShootingEquations { residuals, jacobian, scale: self.norm(state).max(self.norm(&end)), orbit })
     }
 

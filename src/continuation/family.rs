@@ -41,7 +41,7 @@ pub trait Family {
 
 /// Equations at some unknowns, and the motion there.
 pub struct ShootingEquations {
-    /// Residuals, in the units of the state.
+    /// Residuals, in one unit.
     pub residuals: Vec<f64>,
     /// Derivatives of the residuals, one column per unknown.
     pub jacobian: Mat<f64>,

@@ -39,13 +39,17 @@ impl<'s> Free<'s> {
     /// energy in J. A period has as many steps as one of the natural mode has of `step` seconds.
     ///
     /// # Errors
-    /// Returns [`Error::Usage`] for a plate that is driven or damped, or that lacks the mode.
+    /// Returns [`Error::Usage`] for a plate that is driven, damped or buckled, or that lacks the
+    /// mode.
     pub fn new(model: &'s Model, step: f64, energy: f64, mode: usize) -> Result<Free<'s>> {
         let refused = |what: &str, expected: &str| {
             Error::Usage(format!("the plate {what}, and has no free vibrations; expected {expected}"))
         };
         if model.system.drive.varies() {
             return Err(refused("is driven", "--over and --period, or no formulas of t"));
+        }
+        if model.system.drive.stretching.as_ref().is_some_and(|form| form.is_buckled()) {
+            return Err(refused("is buckled", "forces in the plane below the buckling load"));
         }
         let map = ReturnMap::new(&model.system, 1.0, 1, &[])?;
         if map.is_damped() {

@@ -95,6 +95,7 @@ impl<'p> Recorder<'p> {
         let passage = map.pass(start, true, &mut |passing| self.note(passing))?;
         // The end of the period is its start.
         let steps = self.forces.len() - 1;
+        self.forces[0] = self.forces[0].max(self.forces[steps]);
         let [forces, gaps] = [&self.forces[..steps], &self.gaps[..steps]];
         let begins = |step: usize| forces[step] > 0.0 && forces[(step + steps - 1) % steps] == 0.0;
         let begun = (0..steps).filter(|step| begins(*step)).count();
