@@ -96,6 +96,10 @@ impl ContinueArgs {
         let wrong = || Error::Usage(format!("--over {over}: {expected}"));
         let (key, text) = over.split_once('=').ok_or_else(wrong)?;
         let range = range(text).ok_or_else(wrong)?;
+        if let Some(other) = sweep.filter(|sweep| sweep.keys.first().is_none_or(|first| first != key)) {
+            let keys = other.keys.join(", ");
+            return Err(Error::Usage(format!("--sweep: its key is {keys}; expected a sweep over {key}")));
+        }
         let mut settings = vec![format!("sweep.over=[{:?}]", format!("{key}={},{}", range[0], range[1]))];
         settings.extend(
             self.period

@@ -73,6 +73,8 @@ fn runs_lie_on_the_branch_and_jump_at_its_folds() {
     succeeds(&rebond(&folder, &["plot", "branch"]));
     let again = ["continue", HARDENING, "--over", "frequency=20..26", "--out", "branch"];
     assert_fails(&rebond(&folder, &again), 2, &["holds a branch"]);
+    let other = ["continue", HARDENING, "--over", "damping.mass=3..4", "--sweep", "runs", "--out", "other"];
+    assert_fails(&rebond(&folder, &other), 2, &["--sweep", "expected a sweep over damping.mass"]);
 }
 
 /// Starts of the strip lead to two motions: a large one on the pads, and one that meets neither.
