@@ -186,8 +186,8 @@ impl ContinueArgs {
     }
 }
 
-/// Refuses a scene whose motions are not those of modes, on another engine than the native one, or
-/// with probes of anything but deflections.
+/// Refuses another mass than the modal one, another engine than the native one, and probes of
+/// anything but deflections.
 fn require_modes(scene: &Scene) -> Result<()> {
     let wrong = match () {
         () if scene.time.mass != Mass::Modal => {

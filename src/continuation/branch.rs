@@ -146,7 +146,8 @@ impl<'f> Follower<'f> {
         Ok(first)
     }
 
-    /// Finds the next motion with a step as long as it may be; `None` where none is found.
+    /// Finds the next motion, with half the step as often as Newton's method fails; `None` where
+    /// the step becomes too short.
     fn next(
         &mut self,
         last: &PeriodicMotion,

@@ -132,13 +132,13 @@ impl Family for Driven<'_> {
     /// Lets the plate of the first value settle from the start of the scene.
     fn begin(&mut self) -> Result<Vec<f64>> {
         let key = self.range[0];
-        let setting = (self.build)(key)?;
-        let (mut map, _) = self.map(&setting)?;
+        let scene = (self.build)(key)?;
+        let (mut map, _) = self.map(&scene)?;
         if !map.is_driven() {
             let wrong = "nothing in the scene changes in time; --energy FROM..TO follows its free vibrations";
             return Err(Error::Usage(wrong.into()));
         }
-        let mut state = map.project(&setting.model.start)?;
+        let mut state = map.project(&scene.model.start)?;
         for _ in 0..self.settle.div_ceil(self.periods) {
             state = map.pass(&state, false, &mut |_| {})?.end;
         }

@@ -1,10 +1,10 @@
 //! Free vibrations over their energy: nonlinear normal modes.
 //!
 //! The unknowns are the state z, the period T and a factor x, and the equations are
-//! `$(1 + x) P(z; T) - z = 0$` and `$f(z_0) \cdot (z - z_0) = 0$` with the rate f of the state at the motion
-//! before, which takes the shift along the motion out (Muñoz-Almaraz and others, Physica D 181
-//! (2003) 1-38). The energy is kept, so that the first equations depend on each other: x makes up
-//! for that and comes out as the error of the steps.
+//! `$(1 + x) P(z; T) - z = 0$` and `$f(z_0) \cdot (z - z_0) = 0$` with the rate f of the state at
+//! the motion before, which takes the shift along the motion out (Muñoz-Almaraz and others, Physica
+//! D 181 (2003) 1-38). The energy is kept, so that the first equations depend on each other: x
+//! makes up for that and comes out as the error of the steps.
 
 use super::driven::factors;
 use super::family::{Family, ShootingEquations};

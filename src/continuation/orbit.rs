@@ -16,7 +16,7 @@ const STABLE_FREE: f64 = 1.0 + 1e-4;
 /// Multiplier of Floquet: its real and its imaginary part.
 pub type Multiplier = [f64; 2];
 
-/// Periodic motion; the measures are those of one period.
+/// Periodic motion, with the measures of one period.
 #[derive(Debug, Clone)]
 pub struct Orbit {
     /// Period of the motion, in s.
@@ -32,7 +32,8 @@ pub struct Orbit {
     /// Smallest distance from an obstacle that the nodes would have without reactions, in m;
     /// negative where they touch, infinite without obstacles.
     pub gap: f64,
-    /// Multipliers, those of a shift in time and in energy left out, the largest first.
+    /// Multipliers, the largest first; a free motion has two more, at 1, for shifts in time and in
+    /// energy.
     pub multipliers: Vec<Multiplier>,
     /// Number of multipliers outside the unit circle, by which small disturbances grow.
     pub unstable: usize,

@@ -51,7 +51,7 @@ fn at_probe(system: &System<Native>, weights: &[(usize, f64)]) -> Vec<f64> {
 }
 
 /// Returns the amplitude of the tip of a strip of given thickness (m) under a pressure of 2 Pa of a
-/// frequency (Hz): the sum of those of the damped modes, and of the rest at once.
+/// frequency (Hz): the damped modes add up, and the rest follows at once.
 fn linear_amplitude(element: &str, thickness: f64, frequency: f64) -> f64 {
     let of_thickness = |text: String| text.replace("thickness = 1e-3", &format!("thickness = {thickness:?}"));
     let built = model(&of_thickness(strip(element, 6, &pressure(2.0, frequency))));

@@ -37,15 +37,14 @@ use faer::Mat;
 use std::rc::Rc;
 use variation::Variation;
 
-/// Largest difference of loads and obstacles one period apart, relative to their range.
+/// Largest difference of loads and obstacles one period apart, relative to their range, and number
+/// of instants at which they are compared.
 const REPEATS: f64 = 1e-6;
+const COMPARED: usize = 8;
 
 /// Longest step, in periods of the fastest motion in contact, and the largest number of steps.
 const PART: f64 = 0.05;
 const MOST_STEPS: usize = 1_000_000;
-
-/// Number of instants at which they are compared.
-const COMPARED: usize = 8;
 
 /// Return map; see the [module page](self).
 pub struct ReturnMap<'s> {
@@ -183,10 +182,9 @@ impl<'s> ReturnMap<'s> {
         let parts = (self.period * fastest / (PART * self.least_steps as f64)).ceil().max(1.0);
         let steps = parts * self.least_steps as f64;
         if steps > MOST_STEPS as f64 {
-            let wrong = format!("{fastest:.1e} Hz in contact take {steps:.0e} steps a period");
-            return Err(Error::Usage(format!(
-                "time.modes: {wrong}; expected fewer modes, or stops that yield"
-            )));
+            let wrong = format!("a period takes {steps:.0e} steps, with {fastest:.1e} Hz in contact");
+            let expected = "a longer step, fewer modes, or stops that yield";
+            return Err(Error::Usage(format!("time.step: {wrong}; expected {expected}")));
         }
         Ok(steps as usize)
     }
@@ -224,7 +222,7 @@ impl<'s> ReturnMap<'s> {
         Ok(())
     }
 
-    /// Returns the number of modes.
+    /// Returns the modes.
     pub fn modes(&self) -> &MassModes {
         &self.modes
     }
@@ -366,8 +364,8 @@ impl<'s> ReturnMap<'s> {
         (0..self.shapes.ncols()).filter(|number| self.model.candidates.binary_search(number).is_err())
     }
 
-    /// Measures rates in the frame of the supports during a step; before the first one the frame
-    /// moves as in the last of the period.
+    /// Changes rates of the modes from the frame of the supports in the step before to their frame
+    /// in this step. The last step of the period comes before the first.
     fn follow_supports(&self, v: &mut [f64], step: usize) {
         let rate = |step: usize, motion: usize| {
             let [from, to] = [self.data(step), self.data(step + 1)].map(|data| data.places[motion]);
