@@ -19,7 +19,7 @@ PAGE = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- weight: begin -->\n", "<!-- weight: end -->\n"
 
 # Largest total, in lines of code.
-LIMIT = 61_900
+LIMIT = 63_000
 
 # Difference up to which a row of the page counts as true: lines, and share of the row.
 TOLERANCE = (30, 0.05)
@@ -70,6 +70,12 @@ CAPABILITIES = {
     "Random numbers": ["random"],
     "Sweeps": ["sweep"],
     "Periodic motions": ["continuation", "scheme/modal/return_map.rs"],
+    "Friction of obstacles": [
+        "vi/coulomb.rs",
+        "scheme/coulomb.rs",
+        "simulation/effects/friction.rs",
+        "simulation/frictional_probes.rs",
+    ],
     "Commands": ["cli"],
 }
 

@@ -35,13 +35,14 @@ pub struct SharedModes<'s> {
 }
 
 /// Returns whether the plate only bends, nothing but loads of given shape depends on time, no bound
-/// has a law of its own, and without a modal mass no damping acts on single modes.
+/// has a law of its own or friction, and without a modal mass no damping acts on single modes.
 fn is_plain(System { bounds, drive, mass, .. }: &System<Native>) -> bool {
     drive.stretching.is_none()
         && drive.supports.is_empty()
         && drive.bounds.is_none()
         && drive.load.is_none()
         && drive.dashpots.is_none()
+        && drive.friction.is_none()
         && (drive.modal.is_none() || matches!(mass, Form::Modal { .. }))
         && bounds.laws.are_rigid()
 }

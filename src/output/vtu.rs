@@ -189,7 +189,7 @@ fn pieces(folder: &Path) -> Result<Vec<(u64, PathBuf)>> {
 type Quantity = (&'static str, usize, fn(&Snapshot) -> Option<Vec<f64>>);
 
 /// Quantities at the points.
-const POINT_DATA: [Quantity; 12] = [
+const POINT_DATA: [Quantity; 14] = [
     ("deflection", 1, |snapshot| Some(snapshot.deflection.clone())),
     ("slope", 2, |snapshot| Some(snapshot.slope.concat())),
     ("velocity", 1, |snapshot| Some(snapshot.velocity.clone())),
@@ -198,6 +198,11 @@ const POINT_DATA: [Quantity; 12] = [
     ("floor", 1, |snapshot| Some(snapshot.obstacles.as_ref()?[0].clone())),
     ("ceiling", 1, |snapshot| Some(snapshot.obstacles.as_ref()?[1].clone())),
     ("reaction", 1, |snapshot| snapshot.reaction.clone()),
+    ("friction_moment", 2, |snapshot| {
+        let [x, y, _] = snapshot.friction.as_ref()?;
+        Some(x.iter().zip(y).flat_map(|(x, y)| [*x, *y]).collect())
+    }),
+    ("sliding", 1, |snapshot| Some(snapshot.friction.as_ref()?[2].clone())),
     ("moment", 3, |snapshot| Some(snapshot.stresses.as_ref()?.moment.concat())),
     ("principal_moment", 2, |snapshot| Some(snapshot.stresses.as_ref()?.principal.concat())),
     ("stress_top", 3, |snapshot| Some(snapshot.stresses.as_ref()?.stress_top.concat())),

@@ -256,42 +256,59 @@ fn check_accelerations(doc: &Document, scene: &Scene) -> Result<()> {
     })
 }
 
-/// Refuses what dry friction excludes.
-fn check_sliders(doc: &Document, scene: &Scene) -> Result<()> {
+/// Refuses what dry friction excludes, by a slider or by an obstacle: its table or key, with an
+/// article before it, and what it needs supports at rest for.
+fn check_friction(doc: &Document, scene: &Scene, [article, subject, ground]: [&str; 3]) -> Result<()> {
     let name = scene.time.scheme.name();
     let wrong = match scene.time.scheme {
         scheme if !scheme.capabilities().takes_friction => Some((
             "time.scheme",
             format!(
-                "\"{name}\" keeps the energy, which a [[slider]] dissipates; expected \"newmark\" or \"midpoint\""
+                "\"{name}\" keeps the energy, which {article}{subject} dissipates; expected \"newmark\" or \"midpoint\""
             ),
         )),
         scheme if scheme.restitution().is_some_and(|e| e > 0.0) => Some((
             "time.restitution",
-            "makes the node of a [[slider]] rebound where it should stick; expected 0".into(),
+            format!("makes the node of {article}{subject} rebound where it should stick; expected 0"),
         )),
         SchemeSpec::Midpoint { massless: Massless::Equilibrium } if scene.time.mass == Mass::Singular => {
             Some((
                 "time.massless",
-                "\"equilibrium\" takes no [[slider]]; expected \"reflected\", or time.scheme = \"newmark\""
-                    .into(),
+                format!(
+                    "\"equilibrium\" takes no {subject}; expected \"reflected\", or time.scheme = \"newmark\""
+                ),
             ))
         }
         _ if scene.time.mass == Mass::Modal => Some((
             "time.mass",
-            "\"modal\" takes no [[slider]]; expected \"singular\" or \"consistent\"".into(),
+            format!("\"modal\" takes no {subject}; expected \"singular\" or \"consistent\""),
         )),
         _ => None,
     };
     if let Some((key, wrong)) = wrong {
         return Err(doc.fault(key, wrong));
     }
-    scene.motions().next().map_or(Ok(()), |motion| {
-        Err(doc.fault(
-            &motion.key,
-            "contradicts [[slider]], whose anchor is the ground; expected supports at rest",
-        ))
-    })
+    let wrong = || format!("contradicts {subject}, {ground}; expected supports at rest");
+    scene.motions().next().map_or(Ok(()), |motion| Err(doc.fault(&motion.key, wrong())))
+}
+
+/// Refuses what the friction of obstacles excludes, and velocities that nothing feels.
+fn check_friction_of_obstacles(doc: &Document, scene: &Scene) -> Result<()> {
+    for (number, obstacle) in scene.obstacles.iter().enumerate() {
+        if obstacle.velocity.is_some() && obstacle.friction.is_none() {
+            let wrong =
+                format!("has no use without obstacle.{number}.friction; expected a coefficient beside it");
+            return Err(doc.fault(&format!("obstacle.{number}.velocity"), wrong));
+        }
+    }
+    let Some(number) = scene.frictional_obstacle() else { return Ok(()) };
+    let key = format!("obstacle.{number}.friction");
+    if scene.stretches() {
+        let wrong = "contradicts in_plane.stretching: the forces of friction in the plane would strain it, and the pair is \
+                     not built; expected one of the two";
+        return Err(doc.fault(&key, wrong.to_owned()));
+    }
+    check_friction(doc, scene, ["", &key, "whose slip is relative to a plate on the ground"])
 }
 
 /// Refuses combinations that the scheme does not support.
@@ -363,8 +380,9 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         return Err(doc.fault(&key, wrong));
     }
     if !scene.sliders.is_empty() {
-        check_sliders(doc, scene)?;
+        check_friction(doc, scene, ["a ", "[[slider]]", "whose anchor is the ground"])?;
     }
+    check_friction_of_obstacles(doc, scene)?;
     check_in_plane(doc, scene)?;
     let has_tips = scene.compliances().any(|(_, compliance)| compliance.has_tip());
     let massless = [(has_tips, "tips of compliant stops"), (is_modal, "rest of time.mass = \"modal\"")];

@@ -2,7 +2,7 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{Compliance, FieldInput, InPlane, Initial, Load, Scene, Side};
+use super::{Compliance, FieldInput, InPlane, Initial, Load, Obstacle, Scene, Side};
 use crate::contact_law::StopLaw;
 
 impl Scene {
@@ -32,6 +32,7 @@ impl Scene {
         }
         add(self.stop_damping().is_some(), "damping of stops");
         add(!self.sliders.is_empty(), "dry friction");
+        add(self.frictional_obstacle().is_some(), "friction of obstacles");
         add(self.motions().next().is_some(), "moving supports");
         if let Some(load) = &self.load {
             add(load.gravity != 0.0, "gravity");
@@ -79,7 +80,13 @@ impl Scene {
         let is_damped = |damping: &super::Damping| {
             damping.mass != 0.0 || damping.stiffness != 0.0 || !damping.modal.is_none()
         };
-        self.damping.as_ref().is_some_and(is_damped) || self.dashpot().is_some() || !self.sliders.is_empty()
+        let has_friction = !self.sliders.is_empty() || self.frictional_obstacle().is_some();
+        self.damping.as_ref().is_some_and(is_damped) || self.dashpot().is_some() || has_friction
+    }
+
+    /// Returns the number of the first obstacle with friction, if any.
+    pub fn frictional_obstacle(&self) -> Option<usize> {
+        self.obstacles.iter().position(|obstacle| obstacle.rubs().is_some())
     }
 
     /// Returns whether a ball touches the plate without a stiffness of its own.
@@ -114,18 +121,22 @@ impl Scene {
         self.compliances().find(|(_, stop)| stop.damping > 0.0).map(|(table, _)| format!("{table}.damping"))
     }
 
-    /// Returns all fields that may depend on time: loads, obstacle heights, support motions.
+    /// Returns all fields that may depend on time: loads, heights and velocities of obstacles,
+    /// support motions.
     pub fn of_time(&self) -> impl Iterator<Item = &FieldInput> {
         let loads = self.load.iter().flat_map(Load::fields);
         let heights = self.obstacles.iter().map(|obstacle| &obstacle.height);
-        loads.chain(heights).chain(self.motions())
+        let velocities = self.obstacles.iter().flat_map(|obstacle| obstacle.velocity.iter().flatten());
+        loads.chain(heights).chain(velocities).chain(self.motions())
     }
 
     /// Returns the scene with all times counted from an instant (s) of this one.
     pub fn from_time(&self, start: f64) -> Scene {
         let mut later = self.clone();
         let loads = later.load.iter_mut().flat_map(Load::fields_mut);
-        let heights = later.obstacles.iter_mut().map(|obstacle| &mut obstacle.height);
+        let heights = later.obstacles.iter_mut().flat_map(|Obstacle { height, velocity, .. }| {
+            std::iter::once(height).chain(velocity.iter_mut().flatten())
+        });
         let motions = later.supports.iter_mut().filter_map(|support| support.motion.as_mut());
         let changing = loads.chain(heights).chain(motions).filter(|given| given.changes());
         changing.for_each(|given| *given = given.from_time(start));

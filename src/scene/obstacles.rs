@@ -31,6 +31,20 @@ table! {
         compliance: Option<Compliance>,
         /// Position of its law, or of the table without one, for messages.
         position: SourcePosition = faced();
+        /// Coefficient of friction (Coulomb) between the obstacle and the face of the plate; at
+        /// least 0. The face slides as the plate turns, with an arm of half the thickness.
+        friction: Option<f64> = not_negative("a coefficient of friction", "").optional();
+        /// Velocity of the obstacle in its plane along x and y, each a field of x, y, t: a belt, a
+        /// disc, a bow. Needs `friction`.
+        velocity: Option<[FieldInput; 2]> = number("a velocity", "m/s").field(Names::XYT)
+            .pair("expected [along x, along y] in m/s").optional();
+    }
+}
+
+impl Obstacle {
+    /// Returns the coefficient of friction; `None` for an obstacle without friction.
+    pub fn rubs(&self) -> Option<f64> {
+        self.friction.filter(|coefficient| *coefficient > 0.0)
     }
 }
 

@@ -26,12 +26,22 @@ pub enum ProbeQuantity {
     Stress(StressComponent, PlateSurface),
     /// Von Mises stress at a surface, in Pa.
     VonMises(PlateSurface),
+    /// Moment of the friction of an obstacle on the slope along x (0) or y (1) of a node, in N m.
+    FrictionMoment(usize),
+    /// Velocity of the face of the plate relative to an obstacle with friction, along x (0) or y
+    /// (1), in m/s.
+    SlipVelocity(usize),
 }
 
 impl ProbeQuantity {
     /// Returns whether the quantity follows from the second derivatives of the deflection.
     pub fn is_of_curvature(self) -> bool {
         matches!(self, Self::Moment(_) | Self::Stress(..) | Self::VonMises(_))
+    }
+
+    /// Returns whether the quantity belongs to the friction of an obstacle.
+    pub fn is_of_friction(self) -> bool {
+        matches!(self, Self::FrictionMoment(_) | Self::SlipVelocity(_))
     }
 }
 
@@ -79,6 +89,10 @@ impl Choice for ProbeQuantity {
         ("stress_min_bottom", Self::Stress(Min, Bottom)),
         ("von_mises_top", Self::VonMises(Top)),
         ("von_mises_bottom", Self::VonMises(Bottom)),
+        ("friction_moment_x", Self::FrictionMoment(0)),
+        ("friction_moment_y", Self::FrictionMoment(1)),
+        ("slip_velocity_x", Self::SlipVelocity(0)),
+        ("slip_velocity_y", Self::SlipVelocity(1)),
     ];
 }
 
@@ -101,6 +115,8 @@ impl ProbeQuantity {
             Self::Moment(_) => ("moment", "N m/m"),
             Self::Membrane(_) => ("membrane force", "N/m"),
             Self::Stress(..) | Self::VonMises(_) => ("stress", "Pa"),
+            Self::FrictionMoment(_) => ("moment of friction", "N m"),
+            Self::SlipVelocity(_) => ("slip velocity", "m/s"),
         }
     }
 

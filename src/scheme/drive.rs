@@ -4,6 +4,7 @@
 //! store loads and bounds at the instants of one step only: two for the midpoint rule, three for
 //! Newmark.
 
+use super::coulomb::ContactFriction;
 use super::following_load::FollowingLoad;
 use super::sliding::BoundSlider;
 use crate::archive::{Archive, VectorKind};
@@ -188,6 +189,8 @@ pub struct TimeDependence {
     pub following: Option<Box<dyn FollowingLoad>>,
     /// Dry friction at bounded dofs of this rank; `None` where no rank has any.
     pub sliders: Option<Vec<BoundSlider>>,
+    /// Friction of obstacles; `None` where none has any.
+    pub friction: Option<ContactFriction>,
 }
 
 /// Bounded tip without mass, behind a spring and a dashpot.

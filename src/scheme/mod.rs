@@ -26,6 +26,7 @@
 mod balance;
 mod conjugate_gradients;
 pub mod conserving;
+mod coulomb;
 mod drive;
 pub mod equilibrium;
 pub mod exact;
@@ -45,6 +46,7 @@ mod step_driver;
 
 pub use balance::{ForcesOfDeflection, StepBalance};
 pub use conserving::{Conserving, RelaxationStatistics};
+pub use coulomb::{ContactFriction, FrictionalNode, FrictionalSide, NodalFriction, PathOfObstacle};
 pub use drive::{
     BoundsOfTime, Damping, LoadOfTime, LoadTerm, ModalDamping, RigidVelocities, StretchingEnergy,
     SupportMotion, TimeDependence, ViscousTip,
@@ -309,6 +311,12 @@ pub trait Scheme: Solution {
 
     /// Returns forces and dissipated energies of this rank's sliders.
     fn friction(&self) -> Vec<Friction> {
+        Vec::new()
+    }
+
+    /// Returns the energy that the friction of each obstacle has dissipated, in J, of all ranks;
+    /// empty where no obstacle has friction.
+    fn dissipated_by_obstacles(&self) -> Vec<f64> {
         Vec::new()
     }
 

@@ -274,6 +274,12 @@ impl<E: Engine> Levels<'_, E> {
         Ok(())
     }
 
+    /// Adds work and heat of the friction of obstacles up to instant n, given its step. Collective.
+    fn rub(&self, n: u64, driver: &mut StepDriver<E>) {
+        let StepDriver { friction: Some(friction), x, .. } = driver else { return };
+        friction.account(n, &self.system.engine, |dof| self.d_n[dof] + (self.d_n[dof] + x[dof]));
+    }
+
     /// Adds the work of the time-dependent data up to instant n, given the unknown of its step.
     fn account(&mut self, n: u64, x: &[f64], reaction: &[f64]) -> Result<()> {
         if let Some(followed) = &mut self.followed {

@@ -1,5 +1,6 @@
 //! Solution of a scheme at an instant: what every scheme tells of its motion.
 
+use super::coulomb::NodalFriction;
 use crate::archive::{Archive, VectorKind};
 use crate::energy::Energies;
 use crate::error::Result;
@@ -226,4 +227,9 @@ pub trait Solution {
 
     /// Returns the state of a bounded dof (an index into the bounds) just before the present step.
     fn approach(&self, bound: usize) -> Approach;
+
+    /// Returns the friction at this rank's nodes that touched in the last step.
+    fn friction_at_nodes(&self) -> Vec<NodalFriction> {
+        Vec::new()
+    }
 }

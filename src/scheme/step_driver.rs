@@ -10,6 +10,7 @@
 //! checks the answer, and keeps what the next step starts from. The residuals of past steps may
 //! enter the right-hand side, see [`super::feedback`].
 
+use super::coulomb::CoulombFriction;
 use super::drive::ModalDamping;
 use super::feedback::Feedback;
 use super::quadratisation::{RankOne, RootSearch};
@@ -67,6 +68,8 @@ pub(super) struct StepDriver<'s, E: Engine> {
     root_search: RootSearch,
     /// Sliders; `None` where no rank has any.
     pub sliding: Option<Sliding>,
+    /// Friction of obstacles; `None` where none has any.
+    pub friction: Option<CoulombFriction<'s>>,
     /// Bounds on x, in m.
     bounds: Bounds,
     /// Modal velocities of the last step, present after the first step with modal damping.
@@ -106,6 +109,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             feedback: None,
             root_search: RootSearch::default(),
             sliding: None,
+            friction: None,
             bounds: bounds.clone(),
             modal_velocities: None,
             damped: None,
@@ -154,10 +158,27 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         Ok(())
     }
 
-    /// Anchors relaxed sliders at displacements (m) before the first step; see [`Sliding::new`].
-    pub fn anchor_sliders(&mut self, u: &[f64], extent: f64) {
-        let sliders = self.system.drive.sliders.as_ref();
+    /// Prepares friction before the first step: sliders are relaxed and anchored at displacements
+    /// (m), see [`Sliding::new`].
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn begin_friction(&mut self, u: &[f64], extent: f64) -> Result<()> {
+        let System { engine, drive, .. } = self.system;
+        let sliders = drive.sliders.as_ref();
         self.sliding = sliders.map(|sliders| Sliding::new(sliders, &self.bounds, u, extent));
+        let friction = |given| CoulombFriction::new(given, engine, &self.matrix, &self.bounds, 1.0 / extent);
+        self.friction = drive.friction.as_ref().map(friction).transpose()?;
+        Ok(())
+    }
+
+    /// Follows obstacles with friction over a step between two instants (s). Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the obstacles' velocities.
+    pub fn follow_obstacles(&mut self, times: [f64; 2]) -> Result<()> {
+        let comm = self.system.engine.comm();
+        self.friction.as_mut().map_or(Ok(()), |friction| friction.follow(comm, times))
     }
 
     /// Moves the anchors of the sliders by the answer to a step.
@@ -206,6 +227,10 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             let ([c, s], u, d) = (weights, formulas.displacement(), formulas.known());
             sliding.bound(&mut self.bounds, |dof| u[dof] + s * d[dof], c);
         }
+        if let Some(friction) = &mut self.friction {
+            let ([c, s], d) = (weights, formulas.known());
+            friction.begin_step(c, |dof| s * d[dof]);
+        }
         let length = limits.magnitude().max(limits.largest(formulas.displacement()));
         let Some(RankOne { weight, gradient, scale }) = formulas.stretching() else {
             return self.solve_within_bounds(length);
@@ -230,9 +255,46 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         Ok(())
     }
 
-    /// Solves a step within the bounds on x that are set; `length` is the scale of deflections, in
-    /// m.
+    /// Solves a step within the bounds on x that are set, with the friction of obstacles; `length`
+    /// is the scale of deflections, in m.
     fn solve_within_bounds(&mut self, length: f64) -> Result<()> {
+        let Some(mut friction) = self.friction.take() else { return self.solve_with_moments(length) };
+        let solved = self.solve_with_friction(&mut friction, length);
+        self.friction = Some(friction);
+        solved
+    }
+
+    /// Takes turns between the step with given moments of friction and their law.
+    fn solve_with_friction(&mut self, friction: &mut CoulombFriction, length: f64) -> Result<()> {
+        let System { engine, .. } = self.system;
+        let base = self.b.clone();
+        let mut report = StepReport::default();
+        let (mut round, mut last) = (0, f64::INFINITY);
+        let solved = loop {
+            self.b.copy_from_slice(&base);
+            friction.add_moments(&mut self.b);
+            if let Err(error) = self.solve_with_moments(length) {
+                break Err(error);
+            }
+            let error = friction.measure(engine.comm(), [&self.x, &self.reaction]);
+            report = StepReport { kkt: self.report.kkt.max(error), ..report.and(self.report) };
+            if !CoulombFriction::goes_on(round, [last, error]) {
+                break Ok(());
+            }
+            let answer = [&*self.x, &*self.reaction];
+            match friction.improve(engine, &self.matrix, &self.bounds, answer, round) {
+                Ok(iterations) => report.iterations += iterations,
+                Err(error) => break Err(error),
+            }
+            (round, last) = (round + 1, error);
+        };
+        (self.b, self.report) = (base, report);
+        solved
+    }
+
+    /// Solves a step within the bounds on x that are set, whose right-hand side has the moments of
+    /// friction.
+    fn solve_with_moments(&mut self, length: f64) -> Result<()> {
         let System { engine, stiffness, .. } = self.system;
         let problem = Problem { matrix: &self.matrix, rhs: &self.b, bounds: &self.bounds, length };
         let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
@@ -299,6 +361,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         self.feedback.as_mut().map_or(Ok(()), |feedback| feedback.archive(archive))?;
         let bounds = self.bounds.len();
         self.sliding.as_mut().map_or(Ok(()), |sliding| sliding.archive(bounds, archive))?;
+        self.friction.as_mut().map_or(Ok(()), |friction| friction.archive(bounds, archive))?;
         self.solver.archive(&self.system.engine, &self.matrix, &self.system.bounds, archive)
     }
 

@@ -20,7 +20,7 @@ use crate::mesh::{Cell, Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::Sections;
 use crate::scene::{FieldInput, Probe, Region, Side};
-use crate::scheme::{Solution, System};
+use crate::scheme::{NodalFriction, Solution, System};
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -59,6 +59,10 @@ pub struct Snapshot<'f> {
     /// Reaction of the obstacles on each node, in N, positive upwards, zero at points that are not
     /// nodes of the mesh; `None` without obstacles.
     pub reaction: Option<Vec<f64>>,
+    /// Moments of the friction of obstacles on the slopes of each node, in N m, and whether it is
+    /// open (0), sticks (1) or slides (2), zero at points that are not nodes of the mesh; `None`
+    /// without friction.
+    pub friction: Option<[Vec<f64>; 3]>,
     /// Mean velocity of each cell of the mesh relative to the supports, in m/s; with the singular
     /// mass it is the velocity of the paper.
     pub mean_velocity: Vec<f64>,
@@ -293,6 +297,7 @@ impl Fields {
             self.tips.iter().for_each(|&(dof, node)| at_points[node] += force[dof]);
             reaction = Some(at_points);
         }
+        let friction = system.drive.friction.as_ref().map(|_| self.friction(system, scheme)).transpose()?;
         let stresses = self.stresses.as_ref().map(|fields| fields.sample(&self.cells, &shape)).transpose()?;
         Ok(Snapshot {
             step: scheme.step(),
@@ -304,10 +309,32 @@ impl Fields {
             gap,
             obstacles,
             reaction,
+            friction,
             mean_velocity,
             stresses,
             balls: self.ball_points(engine, scheme)?,
         })
+    }
+
+    /// Returns the friction at the points, see [`Snapshot::friction`]. Collective.
+    fn friction<E: Engine>(&self, system: &System<E>, scheme: &dyn Solution) -> Result<[Vec<f64>; 3]> {
+        let System { engine, bounds, .. } = system;
+        let mut by_dof = [0; 3].map(|_| vec![0.0; engine.dofs()]);
+        for NodalFriction { bound, moment: [x, y], sticks, .. } in scheme.friction_at_nodes() {
+            let values = [x, y, if sticks { 1.0 } else { 2.0 }];
+            by_dof.iter_mut().zip(values).for_each(|(to, value)| to[bounds.dofs[bound]] = value);
+        }
+        let mut at_points = [0; 3].map(|_| vec![0.0; self.lattice.points.len()]);
+        for (to, values) in at_points.iter_mut().zip(by_dof) {
+            let values = engine.to_local(&values)?;
+            for (value, dof) in to.iter_mut().zip(&self.deflections) {
+                *value = dof.map_or(0.0, |dof| values[dof]);
+            }
+            for &(dof, node) in self.tips.iter().filter(|(dof, _)| values[*dof] != 0.0) {
+                to[node] = values[dof];
+            }
+        }
+        Ok(at_points)
     }
 
     /// Returns the touching points of all balls, see [`Snapshot::balls`]. Collective.

@@ -152,6 +152,11 @@ impl ForceRecorder {
         }
     }
 
+    /// Returns the names of all obstacles, given or not, in their order.
+    pub fn obstacles(&self) -> impl Iterator<Item = &str> {
+        self.obstacles.iter().map(|(name, _)| name.as_str())
+    }
+
     /// Records a step of a scheme and its events. Collective.
     ///
     /// # Errors

@@ -181,7 +181,8 @@ pub struct Outcome {
     /// Forces by obstacle and named support.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub forces: BTreeMap<String, NamedForce>,
-    /// Energy that each slider has dissipated, in J, by its name or key.
+    /// Energy that each slider and each obstacle with friction has dissipated, in J, by its name or
+    /// key.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub dissipated: BTreeMap<String, f64>,
     /// Largest relative KKT residual of all steps.

@@ -1,6 +1,7 @@
 //! Quantities at the probes.
 
 use super::effects::{BuildContext, Lift};
+use super::frictional_probes::FrictionalProbes;
 use super::nodal_motion::NodalMotion;
 use super::stresses::{Measure, MidplaneStresses, PlateCurvatures};
 use crate::archive::Archive;
@@ -38,6 +39,7 @@ pub(super) struct Readings {
     /// Motions of the supports.
     motions: Vec<Rc<FieldInput>>,
     motion: Rc<NodalMotion>,
+    friction: FrictionalProbes,
 }
 
 /// Mean accelerations at the probes over the last step, from the velocities at its two ends.
@@ -54,13 +56,14 @@ pub(super) struct Accelerations {
 
 impl Readings {
     /// Prepares the quantities of a scene's probes, which have these deflections, on supports with
-    /// some lifts. Collective.
+    /// some lifts, given the probes of friction. Collective.
     pub fn new<P: Partition>(
         ground: &BuildContext<P>,
         deflections: &[FramedProbe],
         lifts: &[Lift],
         motion: &Rc<NodalMotion>,
         curvatures: Option<&PlateCurvatures>,
+        friction: FrictionalProbes,
     ) -> Result<Readings> {
         let shapes: Vec<&[f64]> = lifts.iter().map(|lift| &*lift.shape).collect();
         let reading = |(probe, deflection): (&scene::Probe, &FramedProbe)| {
@@ -85,6 +88,7 @@ impl Readings {
                         .map(|component| ground.framed(Some(component), None, &shapes))
                         .collect::<Result<_>>()?
                 }
+                (quantity, _) if quantity.is_of_friction() => Vec::new(),
                 (ProbeQuantity::Membrane(_), _) => Vec::new(),
                 _ => vec![deflection.clone()],
             };
@@ -106,7 +110,7 @@ impl Readings {
         };
         let readings = ground.scene.output.probes.iter().zip(deflections).map(reading);
         let motions = lifts.iter().map(|lift| lift.motion.clone()).collect();
-        Ok(Readings { readings: readings.collect::<Result<_>>()?, motions, motion: motion.clone() })
+        Ok(Readings { readings: readings.collect::<Result<_>>()?, motions, motion: motion.clone(), friction })
     }
 
     /// Returns whether all probes record deflections, beside supports that do not move.
@@ -143,6 +147,7 @@ impl Readings {
             };
             values[probe] = reading.value(terms, stretched);
         }
+        self.friction.read(system.engine.comm(), scheme, values);
         let velocities = self.velocities(system, scheme, ProbeQuantity::Velocity)?;
         let moving = readings().filter(|(_, reading)| reading.quantity == ProbeQuantity::Velocity);
         moving.zip(velocities).for_each(|((probe, _), velocity)| values[probe] = velocity);

@@ -24,6 +24,7 @@
 mod active_set;
 pub mod compliance;
 pub mod condensed;
+pub(crate) mod coulomb;
 pub mod kkt;
 mod laws;
 pub mod registry;

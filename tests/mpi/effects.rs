@@ -363,8 +363,7 @@ fn rattling_on_compliant_stops() {
     }
 }
 
-/// Stops by the law of Hertz at points of both parts, one of which moves, beside a rigid obstacle,
-/// and two balls; on one rank, two and three.
+/// Sliders with and without a spring beside a floor; on one rank, two and three.
 #[test]
 fn dry_friction_beside_a_floor() {
     for (scheme, mass) in [("newmark", "singular"), ("midpoint", "consistent")] {
@@ -388,6 +387,36 @@ fn dry_friction_beside_a_floor() {
     }
 }
 
+/// Obstacles with friction on both sides of the plate, one of which moves in its plane, beside one
+/// without; on one rank, two and three.
+#[test]
+fn friction_on_a_belt() {
+    for (scheme, mass) in [("newmark", "singular"), ("midpoint", "consistent")] {
+        let scene = format!(
+            r#"
+                {PAPER_PLATE}
+                {CLAMPED}
+                mesh = {{ element = "hct", cells = [10, 4] }}
+                initial.velocity = -0.4
+                obstacle = [
+                    {{ name = "belt", side = "below", height = -0.002, where = "x > 0.7", friction = 0.6, velocity = [0.3, "0.2*sin(90*t)"] }},
+                    {{ side = "above", height = 0.001, where = "x > 0.5", friction = 0.2 }},
+                    {{ side = "below", height = -0.003, where = "x < 0.5" }},
+                ]
+                load = {{ pressure = "300*sin(200*t) - 900" }}
+                time = {{ scheme = "{scheme}", mass = "{mass}", step = 1e-4, end = 0.03 }}
+                output = {{ probes = [
+                    {{ name = "tip", at = [1.2, 0.2] }},
+                    {{ name = "moment", at = [1.2, 0.2], quantity = "friction_moment_x" }},
+                ] }}
+            "#
+        );
+        agree(&format!("friction-{scheme}"), &scene, true);
+    }
+}
+
+/// Stops by the law of Hertz at points of both parts, one of which moves, beside a rigid obstacle,
+/// and two balls; on one rank, two and three.
 #[test]
 fn rattling_on_stops_by_the_law_of_hertz() {
     for (scheme, mass) in [

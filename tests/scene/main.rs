@@ -9,6 +9,7 @@ mod documented;
 mod effects;
 mod field;
 mod files;
+mod friction;
 mod hertz;
 mod in_time;
 mod motion;

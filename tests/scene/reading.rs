@@ -181,7 +181,9 @@ fn every_key_is_read() {
             height,
             region: Region::All,
             compliance: None,
-            position: SourcePosition::default()
+            position: SourcePosition::default(),
+            friction: None,
+            velocity: None,
         }
     );
     assert_eq!(scene.obstacles[1].height.number(), Some(0.3333333333333333));

@@ -156,7 +156,7 @@ title = "all tables"
 parameters = { a = 1.0 }
 mesh = { element = "hct", cells = [4, 2] }
 part = [{ where = "x > 0.9", thickness = 0.02 }]
-obstacle = [{ side = "below", height = -0.1, at = [1.2, 0.0] }]
+obstacle = [{ side = "below", height = -0.1, at = [1.2, 0.0], friction = 0.0, velocity = [0.0, 0.0] }]
 load = { pressure = 0.0, force = [{ at = [1.2, 0.0], value = 1.0 }], moment = [{ at = [1.2, 0.0], about = "y", value = 1.0 }] }
 in_plane = { stretching = false, temperature = 1.0, traction = [{ edge = "right", force = [1.0, 0.0] }], tension = { xx = 1.0 } }
 foundation = [{ stiffness = 1.0 }]

@@ -15,6 +15,7 @@ mod external_load;
 mod following_pressure;
 mod forced;
 mod forces;
+mod friction;
 mod hertz;
 mod impulses;
 mod kinks;

@@ -45,6 +45,35 @@ impl View {
     }
 }
 
+/// Runs a scene, and in every third step a scheme restored from it beside it. Returns the number of
+/// steps in contact.
+fn restores(text: &str) -> usize {
+    let scene = scene(text);
+    let model = Model::new(&scene).unwrap_or_else(|error| panic!("{error}\n{text}"));
+    let mut scheme = model.scheme(&scene).unwrap();
+    scheme.keep_balance().unwrap();
+    let mut touched = 0;
+    let mut resumed: Option<Box<dyn Scheme>> = None;
+    for n in 0..scene.time.steps() {
+        let view = View::new(&mut *scheme).unwrap();
+        touched += usize::from(scheme.reaction().iter().any(|r| *r != 0.0));
+        if let Some(mut resumed) = resumed.take() {
+            resumed.advance().unwrap();
+            assert!(View::new(&mut *resumed).unwrap() == view, "step {n}, a step later\n{text}");
+        }
+        if n % 3 == 1 {
+            let mut restored = model.scheme(&scene).unwrap();
+            restored.keep_balance().unwrap();
+            let entries = view.entries.clone().into_iter();
+            restored.archive(&mut Archive::Restores { entries, same_processes: true }).unwrap();
+            assert!(View::new(&mut *restored).unwrap() == view, "step {n}\n{text}");
+            resumed = Some(restored);
+        }
+        scheme.advance().unwrap();
+    }
+    touched
+}
+
 #[test]
 fn a_restored_scheme_shows_what_the_saved_one_shows() {
     for method in METHODS {
@@ -59,31 +88,24 @@ fn a_restored_scheme_shows_what_the_saved_one_shows() {
                 grid("fvs", 4, 2),
                 time(method, 7e-4, 60),
             );
-            let scene = scene(&text);
-            let model = Model::new(&scene).unwrap_or_else(|error| panic!("{error}\n{text}"));
-            let mut scheme = model.scheme(&scene).unwrap();
-            scheme.keep_balance().unwrap();
-            let mut touched = 0;
-            let mut resumed: Option<Box<dyn Scheme>> = None;
-            for n in 0..scene.time.steps() {
-                let view = View::new(&mut *scheme).unwrap();
-                touched += usize::from(scheme.reaction().iter().any(|r| *r != 0.0));
-                if let Some(mut resumed) = resumed.take() {
-                    resumed.advance().unwrap();
-                    assert!(View::new(&mut *resumed).unwrap() == view, "step {n}, a step later\n{text}");
-                }
-                if n % 3 == 1 {
-                    let mut restored = model.scheme(&scene).unwrap();
-                    restored.keep_balance().unwrap();
-                    let entries = view.entries.clone().into_iter();
-                    restored.archive(&mut Archive::Restores { entries, same_processes: true }).unwrap();
-                    assert!(View::new(&mut *restored).unwrap() == view, "step {n}\n{text}");
-                    resumed = Some(restored);
-                }
-                scheme.advance().unwrap();
-            }
+            let touched = restores(&text);
             println!("{method:?}, {height}: {touched} steps in contact");
             assert!((2..57).contains(&touched), "{touched} steps in contact\n{text}");
         }
+    }
+}
+
+#[test]
+fn friction_goes_on_with_the_bits() {
+    for method in [("newmark", "singular", ""), ("midpoint", "consistent", ", massless = \"reflected\"")] {
+        let belt = "friction = 0.4, velocity = [\"0.3*cos(40*t)\", 0.1]";
+        let text = format!(
+            "{PAPER_PLATE}{CLAMPED}{}obstacle = [{{ side = \"below\", height = -0.004, {belt} }}]\n\
+             initial.velocity = -0.5\nload.gravity = 9.81\n{}solver.energy_guard = 1e9\n",
+            grid("fvs", 4, 2),
+            time(method, 7e-4, 60),
+        );
+        let touched = restores(&text);
+        assert!((2..57).contains(&touched), "{touched} steps in contact\n{text}");
     }
 }

@@ -20,11 +20,13 @@ use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
+use crate::scheme::coulomb::CoulombFriction;
 use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::sliding::Sliding;
 use crate::scheme::state::{State, SupportVelocities};
 use crate::scheme::{
-    Approach, Friction, Potential, Scheme, Solution, Start, Statistics, StepBalance, StepRecord, System,
+    Approach, Friction, NodalFriction, Potential, Scheme, Solution, Start, Statistics, StepBalance,
+    StepRecord, System,
 };
 use crate::vi::{Condensed, Solver};
 use std::rc::Rc;
@@ -119,7 +121,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         system.bounds.restrict(&now.u, &mut record.admissible);
         record.reaction.copy_from_slice(&now.reaction);
         let mut rule = MidpointRule::new(system, dt, solver, support_velocities.clone())?;
-        rule.driver.anchor_sliders(&now.u, 2.0);
+        rule.driver.begin_friction(&now.u, 2.0)?;
         rule.begin(&start.velocity, &now)?;
         rule.follow_deflection(&start.velocity, &now)?;
         Ok(Midpoint {
@@ -188,11 +190,16 @@ impl<E: Engine> Solution for Midpoint<'_, E> {
         let stored = self.rule.driver.sliding.as_ref().map(Sliding::stored);
         let stored = stored.map_or(Ok(0.0), |stored| self.system.total(stored))?;
         let followed = self.rule.followed.as_ref().map_or(0.0, |followed| followed.work);
+        let rubbed = self.rule.driver.friction.as_ref().map_or(0.0, |friction| friction.work()[0]);
         Ok(Energies {
-            work: energies.work + self.work + followed,
+            work: energies.work + self.work + followed + rubbed,
             elastic: energies.elastic + stored,
             ..energies
         })
+    }
+
+    fn friction_at_nodes(&self) -> Vec<NodalFriction> {
+        self.rule.driver.friction.as_ref().map_or(Vec::new(), CoulombFriction::at_nodes)
     }
 
     fn approach(&self, bound: usize) -> Approach {
@@ -244,6 +251,10 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
 
     fn friction(&self) -> Vec<Friction> {
         self.rule.driver.sliding.as_ref().map_or(Vec::new(), |sliding| sliding.friction(0))
+    }
+
+    fn dissipated_by_obstacles(&self) -> Vec<f64> {
+        self.rule.driver.friction.as_ref().map_or(Vec::new(), CoulombFriction::heat)
     }
 
     /// Keeps the balance at the start: that of [`Massless::Equilibrium`] at `$U^0$`, or of the

@@ -9,11 +9,12 @@ use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
+use crate::scheme::coulomb::CoulombFriction;
 use crate::scheme::following_load::FollowedLoad;
 use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::step_driver::{Formulas, StepDriver};
 use crate::scheme::{
-    Approach, Friction, Scheme, Solution, Start, Statistics, StepBalance, StepRecord, System,
+    Approach, Friction, NodalFriction, Scheme, Solution, Start, Statistics, StepBalance, StepRecord, System,
 };
 use crate::vi::{Condensed, Solver};
 use std::cell::RefCell;
@@ -61,7 +62,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
         levels.force.renew(system, &levels.u_n)?;
         let stored = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
         let at_start = if system.bounds.laws.are_rigid() { 0.0 } else { system.total(stored)? };
-        driver.anchor_sliders(&levels.u_n, 1.0);
+        driver.begin_friction(&levels.u_n, 1.0)?;
+        driver.follow_obstacles([0.0, parameters.step])?;
         driver.feed_residuals_forward(levels.energy_at_start(&start.velocity)?);
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
@@ -75,6 +77,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         levels.store(&record.admissible, driver.sliding.as_ref())?;
         levels.stored[0] = at_start;
         levels.account(0, &driver.x, &driver.reaction)?;
+        levels.rub(0, &mut driver);
         let velocities = vec![0.0; system.engine.velocities(&system.mass)];
         let work = RefCell::new([vec![0.0; dofs], velocities]);
         Ok(Newmark { driver, levels, record, work })
@@ -116,7 +119,12 @@ impl<'s, E: Engine> Newmark<'s, E> {
             + 2.0 * stretching.as_ref().map_or(0.0, |stretching| stretching.root.powi(2));
         let work = system.work(u_n)? + system.work(&next)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment)
-            + followed.as_ref().map_or(0.0, |followed| followed.work + 0.5 * followed.increment);
+            + followed.as_ref().map_or(0.0, |followed| followed.work + 0.5 * followed.increment)
+            + self
+                .driver
+                .friction
+                .as_ref()
+                .map_or(0.0, |friction| friction.work()[0] + 0.5 * friction.work()[1]);
         let stored = 0.5 * (parameters.stored_now(self.levels.stored) + self.levels.stored[1]);
         Ok(0.5 * kinetic + 0.25 * elastic + stored - 0.5 * work - by_time)
     }
@@ -153,7 +161,8 @@ impl<E: Engine> Solution for Newmark<'_, E> {
         rate.iter_mut().zip(self.central_velocity()).for_each(|(rate, now)| *rate = now);
         let kinetic = system.kinetic_energy(rate, v)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work)
-            + followed.as_ref().map_or(0.0, |followed| followed.work);
+            + followed.as_ref().map_or(0.0, |followed| followed.work)
+            + self.driver.friction.as_ref().map_or(0.0, |friction| friction.work()[0]);
         let work = system.work(u_n)? + by_time;
         let stretched = stretching.as_ref().map_or(0.0, |stretching| stretching.stored);
         Ok(Energies { kinetic, elastic: elastic + stretched + parameters.stored_now(*stored), work })
@@ -161,6 +170,10 @@ impl<E: Engine> Solution for Newmark<'_, E> {
 
     fn invariant(&self) -> Result<f64> {
         Newmark::invariant(self)
+    }
+
+    fn friction_at_nodes(&self) -> Vec<NodalFriction> {
+        self.driver.friction.as_ref().map_or(Vec::new(), CoulombFriction::at_nodes)
     }
 
     fn approach(&self, bound: usize) -> Approach {
@@ -177,18 +190,26 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.record.step += 1;
         self.levels.shift(&self.driver.x, (self.record.step + 1) as f64 * self.record.dt)?;
         self.levels.force.elastic.into_iter().for_each(|energy| self.driver.note_energy(energy));
+        let dt = self.record.dt;
+        self.driver.follow_obstacles([0, 1].map(|step| (self.record.step + step) as f64 * dt))?;
         self.driver.solve(&mut self.levels)?;
         self.driver.report_to(&self.levels, &mut self.record);
         self.record.end_step(&self.driver.reaction);
         self.levels.force.add(self.driver.stiffness_product());
         self.levels.stretch(&self.driver.x, [1.0, 2.0])?;
         self.levels.store(&self.record.admissible, self.driver.sliding.as_ref())?;
-        self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)
+        self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)?;
+        self.levels.rub(self.record.step, &mut self.driver);
+        Ok(())
     }
 
     /// Returns the forces of the step from the instant, and the energies dissipated up to it.
     fn friction(&self) -> Vec<Friction> {
         self.driver.sliding.as_ref().map_or(Vec::new(), |sliding| sliding.friction(1))
+    }
+
+    fn dissipated_by_obstacles(&self) -> Vec<f64> {
+        self.driver.friction.as_ref().map_or(Vec::new(), CoulombFriction::heat)
     }
 
     /// Returns the balance of the equation of the step from `$U^n$`, which is that of the instant

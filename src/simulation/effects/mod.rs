@@ -12,6 +12,7 @@ pub(super) mod buckling;
 mod contributions;
 mod damping;
 mod following_pressure;
+mod friction;
 mod ground;
 mod heights;
 mod inertia;
@@ -177,6 +178,10 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let (sites, bounded) = heights::sites(ground, &opposite, &sliders);
     let heights = Heights::new(ground, &opposite, &sites[..bounded], &sliders, &lifts)?;
     system.drive.sliders = sliders::bounded(ground, &sliders, &sites[..bounded]);
+    if let Some((friction, doubt)) = friction::of_obstacles(ground, &opposite, &sites[..bounded])? {
+        system.drive.friction = Some(friction);
+        warnings.extend(doubt);
+    }
     system.drive.viscous_tips = heights::viscous_tips(ground, &sites[..bounded]);
     let attribution = Attribution::if_any(ground, &opposite, &sites[..bounded])?;
     let dofs = system.engine.dofs();

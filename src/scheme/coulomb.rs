@@ -1,0 +1,635 @@
+//! Friction of obstacles at the nodes that touch.
+//!
+//! The faces of a plate slide although its middle plane does not: the point that touches an
+//! obstacle below lies half the thickness under it, and moves in the plane by `$a \nabla w$` with
+//! the arm a = h/2 (by `$-a \nabla w$` at an obstacle above). Coulomb's law for its slip is one for
+//! the slopes of the node, see [`crate::vi::coulomb`]: a moment m of at most `$\mu N a$`, against
+//! the slip of the slopes relative to the obstacle's path b,
+//!
+//! ```math
+//! s = \nabla w^{n+1} - \nabla w^n \mp \frac{b^{n+1} - b^n}{a} .
+//! ```
+//!
+//! For Newmark with e = 0 that is the slip to the bounded configuration `$U^{n+1}$`; for the
+//! midpoint rule the slip to `$U^{n+1/2}$` is half of it.
+//!
+//! # Solution of a step
+//!
+//! With given moments the step is a problem like any other, and its solver gives reactions and
+//! slips. The moments that go with them follow from a dense problem on the nodes that touch: the
+//! compliance of their slopes while the present contacts stay closed, and the reactions that their
+//! moments cause. The two problems take turns until the law holds for the solver's own answer. The
+//! compliance comes from one solve for each node and slope, kept from step to step.
+//!
+//! # Energy
+//!
+//! The moments do the work `$m \cdot (s + b/a)$` in a step: the obstacle's motion puts in
+//! `$m \cdot b/a$`, and `$-m \cdot s$` becomes heat. For the midpoint rule both are exact, and the heat
+//! is never negative. Newmark's scheme has the moment of an instant work along
+//! `$\tfrac12 (U^{n+1} - U^{n-1})$`, and the heat of a step is the mean of two instants: it balances
+//! the energy to rounding, too, but may be negative by a little where a node turns round.
+
+use crate::archive::{Archive, VectorKind};
+use crate::communicator::Communicator;
+use crate::contact_law::ContactLaw;
+use crate::error::{Error, Result};
+use crate::linalg::{Engine, Factor, LinearCombination};
+use crate::obstacle::Bounds;
+use crate::vi::coulomb::{CoulombProblem, law_error};
+use faer::linalg::solvers::Solve;
+use faer::{Mat, Side};
+use std::collections::HashMap;
+use std::fmt;
+
+/// Largest number of turns of the two problems in a step.
+const MOST_ROUNDS: u32 = 60;
+/// Number of turns after which moments move only half of the way.
+const EAGER_ROUNDS: u32 = 20;
+/// Relative error of the law at which a step ends, and up to which one may end that no longer
+/// improves.
+const CLOSE: f64 = 1e-13;
+const ACCEPTED: f64 = 1e-11;
+/// Largest number of unknowns of the dense problem: reactions, and two moments per node.
+const MOST_UNKNOWNS: usize = 6000;
+/// Compliance of a slope that supports hold, relative to the largest one.
+const HELD: f64 = 1e-13;
+
+/// Function that returns the path (m) of the obstacle at a node and side between two instants (s).
+pub type PathOfObstacle = dyn Fn(usize, usize, [f64; 2]) -> Result<[f64; 2]>;
+
+/// Obstacles with friction, and the nodes of this rank that they face.
+pub struct ContactFriction {
+    /// Nodes that face an obstacle with friction.
+    pub nodes: Vec<FrictionalNode>,
+    /// Number of obstacles of the scene.
+    pub obstacles: usize,
+    /// Paths of the obstacles in their plane; `None` where all stand still.
+    pub path: Option<Box<PathOfObstacle>>,
+}
+
+impl fmt::Debug for ContactFriction {
+    fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
+        f.debug_struct("ContactFriction").field("nodes", &self.nodes).finish_non_exhaustive()
+    }
+}
+
+/// Node that faces an obstacle with friction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrictionalNode {
+    /// Index of the bound of its deflection.
+    pub bound: usize,
+    /// Dof of w_x and of w_y, and the factor of each; `None` where a support holds it.
+    pub slopes: [Option<(usize, f64)>; 2],
+    /// Friction of the obstacle below and of the one above.
+    pub sides: [Option<FrictionalSide>; 2],
+}
+
+/// Friction of an obstacle at a node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FrictionalSide {
+    /// Number of the obstacle in the scene.
+    pub obstacle: usize,
+    /// Coefficient of friction, dimensionless.
+    pub coefficient: f64,
+    /// Distance a of the face from the middle plane, in m.
+    pub arm: f64,
+}
+
+/// Friction at a node in the last step.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct NodalFriction {
+    /// Index of the bound of its deflection.
+    pub bound: usize,
+    /// Moments on w_x and w_y of the plate, in N m.
+    pub moment: [f64; 2],
+    /// Slip of the face relative to the obstacle over the step, along x and y, in m.
+    pub slip: [f64; 2],
+    /// Whether the node sticks.
+    pub sticks: bool,
+}
+
+/// State of a node in the last step.
+#[derive(Debug, Clone, Copy, Default)]
+struct NodeState {
+    /// Moment on w_x and w_y, in N m.
+    moment: [f64; 2],
+    /// Slip of the slopes to the bounded configuration.
+    slip: [f64; 2],
+    /// Radius of the disc of its moments, in N m.
+    radius: f64,
+    /// Side of the obstacle that it presses on: 0 below, 1 above; `None` off both.
+    side: Option<usize>,
+}
+
+/// Friction of the steps of one scheme.
+pub(super) struct CoulombFriction<'s> {
+    given: &'s ContactFriction,
+    /// Share of a step that lies before its bounded configuration.
+    share: f64,
+    states: Vec<NodeState>,
+    /// Slopes that the paths of the obstacles amount to over the present step and the one before,
+    /// below and above.
+    paths: Vec<[[f64; 2]; 2]>,
+    paths_before: Vec<[[f64; 2]; 2]>,
+    /// Slip that does not depend on x, below and above, and the weight of x in the slip.
+    constant: Vec<[[f64; 2]; 2]>,
+    weight: f64,
+    /// Stiffness by which an error of the slip is measured, in N m, one entry per node.
+    rho: Vec<f64>,
+    columns: SlopeColumns,
+    /// Work of the obstacles' motion, in J, and in the present increment.
+    work: [f64; 2],
+    /// Heat by obstacle, in J, and in the present increment.
+    heat: Vec<[f64; 2]>,
+    /// Heat by obstacle until one step before, in J.
+    heat_before: Vec<f64>,
+}
+
+/// SlopeColumns of the inverse of the step matrix at the bounded dofs and the slopes of the nodes.
+struct SlopeColumns {
+    factor: Option<Box<dyn Factor>>,
+    /// Dofs of this rank at which columns are kept: all bounded ones, then slopes node by node.
+    dofs: Vec<usize>,
+    /// Index into the dofs of each slope of a node.
+    slopes: Vec<[Option<usize>; 2]>,
+    /// SlopeColumns, by the rank and the index of the dof where the unit force acts.
+    kept: HashMap<[usize; 2], Vec<f64>>,
+}
+
+impl<'s> CoulombFriction<'s> {
+    /// Prepares steps with a matrix, whose bounded configuration lies after a share of the step.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn new<E: Engine>(
+        given: &'s ContactFriction,
+        engine: &E,
+        matrix: &LinearCombination,
+        bounds: &Bounds,
+        share: f64,
+    ) -> Result<CoulombFriction<'s>> {
+        let diagonal = engine.diagonal(matrix)?;
+        let rho = |node: &FrictionalNode| {
+            node.slopes.iter().flatten().map(|(dof, _)| diagonal[*dof]).fold(0.0, f64::max)
+        };
+        let mut dofs: Vec<usize> = bounds.dofs.iter().copied().collect();
+        let slopes = |node: &FrictionalNode| {
+            let [x, y] = node.slopes;
+            let first = dofs.len();
+            dofs.extend(x.map(|(dof, _)| dof));
+            let is_shared = x.is_some() && x.map(|(dof, _)| dof) == y.map(|(dof, _)| dof);
+            if !is_shared {
+                dofs.extend(y.map(|(dof, _)| dof));
+            }
+            let second = if is_shared { first } else { first + usize::from(x.is_some()) };
+            [x.map(|_| first), y.map(|_| second)]
+        };
+        let slopes = given.nodes.iter().map(slopes).collect();
+        let count = given.nodes.len();
+        Ok(CoulombFriction {
+            given,
+            share,
+            states: vec![NodeState::default(); count],
+            paths: vec![[[0.0; 2]; 2]; count],
+            paths_before: vec![[[0.0; 2]; 2]; count],
+            constant: vec![[[0.0; 2]; 2]; count],
+            weight: 1.0,
+            rho: given.nodes.iter().map(rho).collect(),
+            columns: SlopeColumns { factor: None, dofs, slopes, kept: HashMap::new() },
+            work: [0.0; 2],
+            heat: vec![[0.0; 2]; given.obstacles],
+            heat_before: vec![0.0; given.obstacles],
+        })
+    }
+
+    /// Follows the obstacles over a step between two instants (s). Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the obstacles' velocities.
+    pub fn follow(&mut self, comm: &impl Communicator, times: [f64; 2]) -> Result<()> {
+        let Some(path) = &self.given.path else { return Ok(()) };
+        let path = |(number, node): (usize, &FrictionalNode)| {
+            let mut slopes = [[0.0; 2]; 2];
+            for (side, friction) in node.sides.iter().enumerate() {
+                let Some(FrictionalSide { arm, .. }) = friction else { continue };
+                let arm = if side == 0 { *arm } else { -arm };
+                slopes[side] = path(number, side, times)?.map(|part| part / arm);
+            }
+            Ok(slopes)
+        };
+        let paths = comm.all_ok(self.given.nodes.iter().enumerate().map(path).collect())?;
+        self.paths_before = std::mem::replace(&mut self.paths, paths);
+        Ok(())
+    }
+
+    /// Begins the solution of a step whose bounded configuration is `u + c x` and a constant part,
+    /// given c and that part by dof, in m.
+    pub fn begin_step(&mut self, c: f64, constant: impl Fn(usize) -> f64) {
+        self.weight = c;
+        for ((node, sides), paths) in self.given.nodes.iter().zip(&mut self.constant).zip(&self.paths) {
+            let slope = node.slopes.map(|slope| slope.map_or(0.0, |(dof, factor)| factor * constant(dof)));
+            for (slip, path) in sides.iter_mut().zip(paths) {
+                *slip = [0, 1].map(|k| slope[k] - self.share * path[k]);
+            }
+        }
+    }
+
+    /// Adds the moments to a load, in N, one entry per dof.
+    pub fn add_moments(&self, load: &mut [f64]) {
+        for (node, state) in self.given.nodes.iter().zip(&self.states) {
+            for (slope, moment) in node.slopes.iter().zip(state.moment) {
+                slope.iter().for_each(|&(dof, factor)| load[dof] += factor * moment);
+            }
+        }
+    }
+
+    /// Takes sides, radii and slips out of an answer (x in m, reactions in N). Returns the error of
+    /// the moments, relative to the radii or, if that is smaller, of the slip relative to the
+    /// slopes. Collective.
+    pub fn measure(&mut self, comm: &impl Communicator, [x, reaction]: [&[f64]; 2]) -> f64 {
+        let [mut largest_moment, mut largest_slope] = [0.0_f64; 2];
+        let nodes = self.given.nodes.iter().zip(&mut self.states);
+        for ((node, state), constant) in nodes.zip(&self.constant) {
+            let r = reaction[node.bound];
+            let side = usize::from(r < 0.0);
+            let friction = node.sides[side].filter(|_| r != 0.0);
+            state.side = friction.map(|_| side);
+            state.radius = friction.map_or(0.0, |side| side.coefficient * side.arm * r.abs());
+            let slope = |k: usize| node.slopes[k].map_or(0.0, |(dof, factor): (usize, f64)| factor * x[dof]);
+            state.slip = [0, 1].map(|k| constant[side][k] + self.weight * slope(k));
+            largest_moment = largest_moment.max(state.radius).max(state.moment[0].hypot(state.moment[1]));
+            for k in 0..2 {
+                largest_slope =
+                    largest_slope.max(constant[side][k].abs()).max((self.weight * slope(k)).abs());
+            }
+        }
+        let [largest_moment, largest_slope] = comm.all_reduce_max_each([largest_moment, largest_slope]);
+        if largest_moment == 0.0 {
+            return 0.0;
+        }
+        let error = |(state, rho): (&NodeState, &f64)| {
+            let rho = rho / self.weight;
+            if rho == 0.0 {
+                return (state.moment[0].hypot(state.moment[1]) - state.radius).max(0.0) / largest_moment;
+            }
+            let error = law_error(state.moment, state.slip, state.radius, rho);
+            (error / largest_moment).min(error / (rho * largest_slope))
+        };
+        comm.all_reduce_max(self.states.iter().zip(&self.rho).map(error).fold(0.0, f64::max))
+    }
+
+    /// Returns whether another turn is due after `round` turns, given the errors of the last two.
+    pub fn goes_on(round: u32, [before, now]: [f64; 2]) -> bool {
+        let is_done = now <= CLOSE || now <= ACCEPTED && now > 0.5 * before || now.is_nan();
+        !is_done && round < MOST_ROUNDS
+    }
+
+    /// Sets the moments to those of the law, while the contacts of an answer stay closed, after
+    /// `round` turns. Returns the number of iterations. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Usage`] where too many nodes touch, and the errors of the engine.
+    pub fn improve<E: Engine>(
+        &mut self,
+        engine: &E,
+        matrix: &LinearCombination,
+        bounds: &Bounds,
+        [x, reaction]: [&[f64]; 2],
+        round: u32,
+    ) -> Result<u32> {
+        let comm = engine.comm();
+        let softness = |bound: usize| softness(bounds, bound, x, reaction);
+        let closed: Vec<(usize, f64)> =
+            (0..bounds.len()).filter_map(|bound| Some((bound, softness(bound)?))).collect();
+        let is_loaded = |node: &usize| {
+            let NodeState { moment, side, .. } = self.states[*node];
+            side.is_some() || moment != [0.0; 2]
+        };
+        let loaded: Vec<usize> = (0..self.states.len()).filter(is_loaded).collect();
+        let (problem, first) = self.problem(engine, matrix, &closed, &loaded)?;
+        let mut moments: Vec<[f64; 2]> =
+            comm.all_gather(&loaded.iter().map(|&node| self.states[node].moment).collect::<Vec<_>>());
+        let before = moments.clone();
+        let iterations = problem.solve(&mut moments);
+        // Rounding on unlike processors may differ.
+        comm.broadcast(&mut moments);
+        let part = if round < EAGER_ROUNDS { 1.0 } else { 0.5 };
+        for (k, &node) in loaded.iter().enumerate() {
+            let (to, from) = (moments[first + k], before[first + k]);
+            self.states[node].moment = [0, 1].map(|k| from[k] + part * (to[k] - from[k]));
+        }
+        Ok(iterations)
+    }
+
+    /// Returns the dense problem of all ranks, and the place of this rank's first node in it, given
+    /// its closed bounds with their compliances (m/N) and its loaded nodes. Collective.
+    fn problem<E: Engine>(
+        &mut self,
+        engine: &E,
+        matrix: &LinearCombination,
+        closed: &[(usize, f64)],
+        loaded: &[usize],
+    ) -> Result<(CoulombProblem, usize)> {
+        let comm = engine.comm();
+        let CoulombFriction { given, states, columns, weight, .. } = self;
+        // Unknowns of this rank: closed bounds, then slopes.
+        let mut unknowns: Vec<usize> = closed.iter().map(|(bound, _)| *bound).collect();
+        let slope = |&node: &usize| columns.slopes[node];
+        let mut places = Vec::new();
+        for [x, y] in loaded.iter().map(slope) {
+            let mut place = |row: Option<usize>| {
+                row.map(|row| {
+                    let present = unknowns[closed.len()..].iter().position(|other| *other == row);
+                    present.map_or_else(
+                        || {
+                            unknowns.push(row);
+                            unknowns.len() - 1
+                        },
+                        |place| closed.len() + place,
+                    )
+                })
+            };
+            places.push([place(x), place(y)]);
+        }
+        let inverse = columns.inverse(engine, matrix, &unknowns)?;
+        let first = comm.all_gather_one(unknowns.len())[..comm.rank()].iter().sum::<usize>();
+        let soft: Vec<(usize, f64)> = comm.all_gather(
+            &closed.iter().enumerate().map(|(k, (_, soft))| (first + k, *soft)).collect::<Vec<_>>(),
+        );
+        let column = |place: Option<usize>| place.map_or(-1.0, |place| (first + place) as f64);
+        let rows = loaded.iter().zip(&places).map(|(&node, place)| {
+            let (site, state) = (&given.nodes[node], &states[node]);
+            let bound = closed.iter().position(|(bound, _)| *bound == site.bound && state.side.is_some());
+            let factor = |k: usize| site.slopes[k].map_or(0.0, |(_, factor): (usize, f64)| factor);
+            // The reaction of an obstacle above is negative.
+            let grip = state.side.and_then(|side| {
+                let FrictionalSide { coefficient, arm, .. } = site.sides[side]?;
+                Some(if side == 0 { coefficient * arm } else { -coefficient * arm })
+            });
+            let [x, y] = state.slip;
+            [
+                column(place[0]),
+                factor(0),
+                column(place[1]),
+                factor(1),
+                column(bound),
+                grip.unwrap_or(0.0),
+                x,
+                y,
+                state.radius,
+            ]
+        });
+        let rows: Vec<[f64; 9]> = comm.all_gather(&rows.collect::<Vec<_>>());
+        let first_node = comm.all_gather_one(loaded.len())[..comm.rank()].iter().sum();
+        let count = rows.len();
+
+        // Deflections and slopes that the moments cause, with all contacts open.
+        let mut open = Mat::<f64>::zeros(inverse.nrows(), 2 * count);
+        for (node, row) in rows.iter().enumerate() {
+            for k in 0..2 {
+                if row[2 * k] >= 0.0 {
+                    let from = inverse.col_as_slice(row[2 * k] as usize);
+                    let to = open.col_as_slice_mut(2 * node + k);
+                    to.iter_mut().zip(from).for_each(|(to, from)| *to = row[2 * k + 1] * from);
+                }
+            }
+        }
+        // Reactions of the closed contacts to the moments.
+        let mut reactions = Mat::from_fn(soft.len(), 2 * count, |i, j| -open[(soft[i].0, j)]);
+        let closed = Mat::from_fn(soft.len(), soft.len(), |i, j| {
+            inverse[(soft[i].0, soft[j].0)] + if i == j { soft[i].1 } else { 0.0 }
+        });
+        match closed.llt(Side::Lower) {
+            Ok(root) => root.solve_in_place(&mut reactions),
+            // Contacts that depend on each other to rounding stay out.
+            Err(_) => reactions.fill(0.0),
+        }
+        let deflections = Mat::from_fn(soft.len(), 2 * count, |i, j| open[(soft[i].0, j)]);
+        let mut compliance = deflections.transpose() * &reactions;
+        for (node, row) in rows.iter().enumerate() {
+            for k in 0..2 {
+                if row[2 * k] >= 0.0 {
+                    for column in 0..2 * count {
+                        compliance[(2 * node + k, column)] +=
+                            row[2 * k + 1] * open[(row[2 * k] as usize, column)];
+                    }
+                }
+            }
+        }
+        let mut compliance = Mat::from_fn(2 * count, 2 * count, |i, j| {
+            0.5 * *weight * (compliance[(i, j)] + compliance[(j, i)])
+        });
+        let largest = (0..2 * count).map(|i| compliance[(i, i)]).fold(0.0, f64::max);
+        let floor = HELD * if largest > 0.0 { largest } else { 1.0 };
+        for i in 0..2 * count {
+            compliance[(i, i)] = compliance[(i, i)].max(floor);
+        }
+        let mut place_of = vec![None; inverse.nrows()];
+        soft.iter().enumerate().for_each(|(place, (unknown, _))| place_of[*unknown] = Some(place));
+        let radius_rate = Mat::from_fn(count, 2 * count, |node, column| {
+            let bound = rows[node][4];
+            let place = if bound < 0.0 { None } else { place_of[bound as usize] };
+            place.map_or(0.0, |place| rows[node][5] * reactions[(place, column)])
+        });
+        let problem = CoulombProblem {
+            compliance,
+            slip: rows.iter().map(|row| [row[6], row[7]]).collect(),
+            radius: rows.iter().map(|row| row[8]).collect(),
+            radius_rate,
+        };
+        Ok((problem, first_node))
+    }
+
+    /// Returns the path of the obstacle that a node presses on, as slopes; 0 off obstacles.
+    fn path(&self, node: usize) -> [f64; 2] {
+        self.states[node].side.map_or([0.0; 2], |side| self.paths[node][side])
+    }
+
+    /// Returns the change of a node's slopes for a displacement by dof.
+    fn change(&self, node: usize, displacement: impl Fn(usize) -> f64) -> [f64; 2] {
+        self.given.nodes[node]
+            .slopes
+            .map(|slope| slope.map_or(0.0, |(dof, factor)| factor * displacement(dof)))
+    }
+
+    /// Returns work of the obstacles' motion and heat by obstacle (J) for a displacement by dof,
+    /// and paths as slopes, of all ranks. Collective.
+    fn exchange<E: Engine>(
+        &self,
+        engine: &E,
+        displacement: impl Fn(usize) -> f64,
+        path: impl Fn(usize) -> [f64; 2],
+    ) -> Vec<f64> {
+        let mut sums = vec![0.0; 1 + self.heat.len()];
+        for (number, (node, state)) in self.given.nodes.iter().zip(&self.states).enumerate() {
+            let Some(FrictionalSide { obstacle, .. }) = state.side.and_then(|side| node.sides[side]) else {
+                continue;
+            };
+            let (change, path) = (self.change(number, &displacement), path(number));
+            for k in 0..2 {
+                sums[0] += state.moment[k] * path[k];
+                sums[1 + obstacle] -= state.moment[k] * (change[k] - path[k]);
+            }
+        }
+        engine.comm().all_reduce_sum_slice(&sums)
+    }
+
+    /// Adds work and heat of a step with a constant moment, given the displacement over it by dof,
+    /// in m. Collective.
+    pub fn spend<E: Engine>(&mut self, engine: &E, displacement: impl Fn(usize) -> f64) {
+        let sums = self.exchange(engine, displacement, |node| self.path(node));
+        self.work[0] += sums[0];
+        for ((heat, before), more) in self.heat.iter_mut().zip(&mut self.heat_before).zip(&sums[1..]) {
+            *before = heat[0];
+            heat[0] += more;
+        }
+    }
+
+    /// Adds work and heat from instant n - 1 to n of moments that are those of instants, given the
+    /// displacement from n - 1 to n + 1 by dof, in m. Collective.
+    pub fn account<E: Engine>(&mut self, n: u64, engine: &E, displacement: impl Fn(usize) -> f64) {
+        let path = |node: usize| {
+            let side = self.states[node].side.unwrap_or(0);
+            // Before the start the obstacles moved as in the first step.
+            let before = if n > 0 { &self.paths_before } else { &self.paths };
+            [0, 1].map(|k| before[node][side][k] + self.paths[node][side][k])
+        };
+        let sums = self.exchange(engine, displacement, path);
+        let add = |total: &mut [f64; 2], twice: f64| {
+            let increment = 0.5 * twice;
+            if n > 0 {
+                total[0] += 0.5 * (total[1] + increment);
+            }
+            total[1] = increment;
+        };
+        add(&mut self.work, sums[0]);
+        for ((heat, before), more) in self.heat.iter_mut().zip(&mut self.heat_before).zip(&sums[1..]) {
+            *before = heat[0];
+            add(heat, *more);
+        }
+    }
+
+    /// Returns the work of the obstacles' motion, in J, and its present increment.
+    pub fn work(&self) -> [f64; 2] {
+        self.work
+    }
+
+    /// Returns the heat of each obstacle, in J.
+    pub fn heat(&self) -> Vec<f64> {
+        self.heat.iter().map(|heat| heat[0]).collect()
+    }
+
+    /// Returns the friction at the nodes that touched in the last step.
+    pub fn at_nodes(&self) -> Vec<NodalFriction> {
+        let node = |((node, state), rho): ((&FrictionalNode, &NodeState), &f64)| {
+            let side = state.side?;
+            let FrictionalSide { arm, .. } = node.sides[side]?;
+            let arm = if side == 0 { arm } else { -arm } / self.share;
+            let rho = rho / self.weight;
+            let trial = [0, 1].map(|k| state.moment[k] - rho * state.slip[k]);
+            Some(NodalFriction {
+                bound: node.bound,
+                moment: state.moment,
+                slip: state.slip.map(|slip| arm * slip),
+                sticks: trial[0].hypot(trial[1]) <= state.radius * (1.0 + ACCEPTED),
+            })
+        };
+        self.given.nodes.iter().zip(&self.states).zip(&self.rho).filter_map(node).collect()
+    }
+
+    /// Saves or restores the moments and the ledger.
+    ///
+    /// # Errors
+    /// Returns [`Error::Checkpoint`] where the archive does not fit.
+    pub fn archive(&mut self, bounds: usize, archive: &mut Archive) -> Result<()> {
+        let mut states = vec![NodeState::default(); bounds];
+        for (node, state) in self.given.nodes.iter().zip(&self.states) {
+            states[node.bound] = *state;
+        }
+        archive.items(
+            VectorKind::Bounds,
+            &mut states,
+            |&NodeState { moment: [x, y], slip: [u, v], radius, side }| {
+                [x, y, u, v, radius, side.map_or(-1.0, |side| side as f64)]
+            },
+            |[x, y, u, v, radius, side]| NodeState {
+                moment: [x, y],
+                slip: [u, v],
+                radius,
+                side: (side >= 0.0).then_some(side as usize),
+            },
+        )?;
+        for (node, state) in self.given.nodes.iter().zip(&mut self.states) {
+            *state = states[node.bound];
+        }
+        for paths in [&mut self.paths, &mut self.paths_before] {
+            let mut at_bounds = vec![[[0.0; 2]; 2]; bounds];
+            self.given.nodes.iter().zip(&*paths).for_each(|(node, path)| at_bounds[node.bound] = *path);
+            archive.items(
+                VectorKind::Bounds,
+                &mut at_bounds,
+                |&[[a, b], [c, d]]| [a, b, c, d],
+                |[a, b, c, d]| [[a, b], [c, d]],
+            )?;
+            self.given.nodes.iter().zip(paths).for_each(|(node, path)| *path = at_bounds[node.bound]);
+        }
+        archive.value(&mut self.work)?;
+        archive.value(&mut self.heat)?;
+        archive.value(&mut self.heat_before)
+    }
+}
+
+/// Returns the compliance of a closed bound (m/N), 0 for a rigid one; `None` for an open one, or
+/// one whose force does not depend on x.
+fn softness(bounds: &Bounds, bound: usize, x: &[f64], reaction: &[f64]) -> Option<f64> {
+    let r = reaction[bound];
+    if r == 0.0 {
+        return None;
+    }
+    let Some(law) = bounds.laws.pressed(bound, r) else { return Some(0.0) };
+    let depth = bounds.depth(bound, usize::from(r < 0.0), x[bounds.dofs[bound]]);
+    let stiffness = law.linearised(depth, r.abs()).stiffness;
+    (stiffness > 0.0).then(|| 1.0 / stiffness)
+}
+
+impl SlopeColumns {
+    /// Returns the inverse of the step matrix at the unknowns of all ranks, given those of this
+    /// rank as indices into its dofs. Collective.
+    fn inverse<E: Engine>(
+        &mut self,
+        engine: &E,
+        matrix: &LinearCombination,
+        unknowns: &[usize],
+    ) -> Result<Mat<f64>> {
+        let comm = engine.comm();
+        let keys: Vec<[usize; 2]> =
+            comm.all_gather(&unknowns.iter().map(|&row| [comm.rank(), row]).collect::<Vec<_>>());
+        if keys.len() > MOST_UNKNOWNS {
+            return Err(Error::Usage(format!(
+                "obstacle.friction: {} reactions and moments act at once, more than the {MOST_UNKNOWNS} that friction is \
+                 solved for; expected a coarser mesh, or obstacles that fewer nodes touch",
+                keys.len()
+            )));
+        }
+        for key in &keys {
+            if self.kept.contains_key(key) {
+                continue;
+            }
+            let factor = match &mut self.factor {
+                Some(factor) => factor,
+                none => none.insert(engine.factor(matrix, &[])?),
+            };
+            let mut column = vec![0.0; engine.dofs()];
+            if key[0] == comm.rank() {
+                column[self.dofs[key[1]]] = 1.0;
+            }
+            factor.solve(&mut column)?;
+            self.kept.insert(*key, self.dofs.iter().map(|&dof| column[dof]).collect());
+        }
+        let columns: Vec<&Vec<f64>> = keys.iter().map(|key| &self.kept[key]).collect();
+        let part: Vec<f64> =
+            unknowns.iter().flat_map(|&row| columns.iter().map(move |column| column[row])).collect();
+        let rows = comm.all_gather(&part);
+        Ok(Mat::from_fn(keys.len(), keys.len(), |i, j| rows[i * keys.len() + j]))
+    }
+}

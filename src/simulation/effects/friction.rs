@@ -1,0 +1,164 @@
+//! Nodes that obstacles with friction face, and the motion of these obstacles in their plane.
+
+use super::ground::BuildContext;
+use super::heights::opposites;
+use crate::communicator::Communicator;
+use crate::dof_map::PER_NODE;
+use crate::error::{Error, Result};
+use crate::mesh::Point;
+use crate::partition::Partition;
+use crate::plate::Sections;
+use crate::scene::{FieldInput, Side};
+use crate::scheme::{ContactFriction, FrictionalNode, FrictionalSide, PathOfObstacle};
+use crate::simulation::DeflectionDof;
+use crate::simulation::plate_assembly::PlateAssembly;
+use std::collections::BTreeMap;
+
+/// Returns the friction of the obstacles, given the dofs opposite to each; `None` where none has
+/// any. Collective.
+///
+/// # Errors
+/// Returns [`Error::Scene`] where an obstacle with friction shares a side of a node with another
+/// one, and the errors of the thickness.
+pub(super) fn of_obstacles<P: Partition>(
+    ground: &BuildContext<P>,
+    opposite: &[Vec<usize>],
+    bounded: &[DeflectionDof],
+) -> Result<Option<(ContactFriction, Option<String>)>> {
+    if ground.scene.frictional_obstacle().is_none() {
+        return Ok(None);
+    }
+    let sections = PlateAssembly::new(ground.scene, ground.mesh, ground.comm())?;
+    let facing = nodes(ground, &sections, opposite, bounded);
+    let (nodes, points) = ground.comm().all_ok(facing)?;
+    let obstacles = ground.scene.obstacles.len();
+    let doubt = doubt(ground, &nodes, bounded);
+    let path = path_of_obstacles(ground, &nodes, points);
+    Ok(Some((ContactFriction { nodes, obstacles, path }, doubt)))
+}
+
+/// Largest arm of friction relative to the distance of neighbouring nodes at which moments and
+/// reactions were found in every step that was tried; from 0.4 on they may have no solution.
+const LONGEST_ARM: f64 = 0.25;
+
+/// Returns a warning where moments of friction change the reactions at neighbouring nodes by about
+/// as much as they depend on them. Collective.
+fn doubt<P: Partition>(
+    ground: &BuildContext<P>,
+    nodes: &[FrictionalNode],
+    bounded: &[DeflectionDof],
+) -> Option<String> {
+    let mesh = ground.mesh;
+    let mut length = vec![f64::INFINITY; mesh.nodes.len()];
+    for cell in &mesh.cells {
+        let corners = cell.nodes();
+        for (k, &from) in corners.iter().enumerate() {
+            let to = corners[(k + 1) % corners.len()];
+            let side = (mesh.nodes[to] - mesh.nodes[from]).norm();
+            [from, to].into_iter().for_each(|node| length[node] = length[node].min(side));
+        }
+    }
+    let share = |node: &FrictionalNode| {
+        let arms = node.sides.iter().flatten().map(|side| side.coefficient * side.arm);
+        arms.fold(0.0, f64::max) / length[bounded[node.bound].node]
+    };
+    let share = ground.comm().all_reduce_max(nodes.iter().map(share).fold(0.0, f64::max));
+    (share > LONGEST_ARM).then(|| {
+        format!(
+            "obstacle.friction: friction times half the thickness is {share:.2} of the distance of two nodes; from about 0.4 \
+             on, moments and reactions may have no common solution, and a step fails: take larger cells or a smaller coefficient"
+        )
+    })
+}
+
+/// Returns the nodes of this process that obstacles with friction face, and their places.
+fn nodes<P: Partition>(
+    ground: &BuildContext<P>,
+    sections: &PlateAssembly,
+    opposite: &[Vec<usize>],
+    bounded: &[DeflectionDof],
+) -> Result<(Vec<FrictionalNode>, Vec<Point>)> {
+    let BuildContext { scene, mesh, space, partition, .. } = ground;
+    let mut facing: BTreeMap<usize, [Vec<usize>; 2]> = BTreeMap::new();
+    for (number, faced) in opposites(scene, opposite, bounded).enumerate() {
+        for bound in faced.bounds {
+            facing.entry(bound).or_default()[usize::from(faced.side == Side::Above)].push(number);
+        }
+    }
+    // Sum and number of the thicknesses of the cells around each node.
+    let mut thickness = vec![None; mesh.nodes.len()];
+    facing.keys().for_each(|bound| thickness[bounded[*bound].node] = Some((0.0, 0.0)));
+    for (cell, corners) in mesh.cells.iter().enumerate() {
+        for &node in corners.nodes() {
+            if let Some((sum, count)) = &mut thickness[node] {
+                *sum += sections.section(cell, mesh.nodes[node])?.thickness;
+                *count += 1.0;
+            }
+        }
+    }
+    let coefficient = |obstacle: usize| scene.obstacles[obstacle].rubs();
+    let (mut nodes, mut points) = (Vec::new(), Vec::new());
+    for (bound, sides) in facing {
+        if !sides.iter().flatten().any(|obstacle| coefficient(*obstacle).is_some()) {
+            continue;
+        }
+        let DeflectionDof { node, at: [x, y], .. } = bounded[bound];
+        let point = Point::new(x, y);
+        let arm = thickness[node].map_or(0.0, |(sum, count)| 0.5 * sum / count);
+        let side = |obstacles: &[usize]| {
+            let Some(&obstacle) = obstacles.iter().find(|obstacle| coefficient(**obstacle).is_some()) else {
+                return Ok(None);
+            };
+            if let Some(other) = obstacles.iter().find(|other| **other != obstacle) {
+                return Err(Error::Scene(format!(
+                    "obstacle.{obstacle}.friction: needs a side of its nodes for itself, and obstacle.{other} is at \
+                     ({x}, {y}) too; expected regions that do not overlap (`where`, `group`)"
+                )));
+            }
+            Ok(coefficient(obstacle).map(|coefficient| FrictionalSide { obstacle, coefficient, arm }))
+        };
+        let slope = |axis: usize| {
+            let (dof, factor) = space.dof(PER_NODE * node + axis)?;
+            Some((partition.own_dof(dof)?, factor))
+        };
+        let sides = [side(&sides[0])?, side(&sides[1])?];
+        nodes.push(FrictionalNode { bound, slopes: [slope(1), slope(2)], sides });
+        points.push(point);
+    }
+    Ok((nodes, points))
+}
+
+/// Places and weights of Gauss's quadrature of a velocity over a step.
+const RULE: [(f64, f64); 3] =
+    [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
+
+/// Returns the paths of the obstacles at some nodes; `None` where all stand still.
+fn path_of_obstacles<P: Partition>(
+    ground: &BuildContext<P>,
+    nodes: &[FrictionalNode],
+    points: Vec<Point>,
+) -> Option<Box<PathOfObstacle>> {
+    let velocities: Vec<Option<[FieldInput; 2]>> =
+        ground.scene.obstacles.iter().map(|obstacle| obstacle.velocity.clone()).collect();
+    velocities.iter().flatten().flatten().find(|component| !component.is_zero())?;
+    let obstacles: Vec<[Option<usize>; 2]> =
+        nodes.iter().map(|node| node.sides.map(|side| side.map(|side| side.obstacle))).collect();
+    Some(Box::new(move |node, side, [from, to]| {
+        let velocity = obstacles[node][side].and_then(|obstacle| velocities[obstacle].as_ref());
+        let Some(velocity) = velocity else { return Ok([0.0; 2]) };
+        let mut path = [0.0; 2];
+        for (path, component) in path.iter_mut().zip(velocity) {
+            *path = match component.number() {
+                Some(constant) => (to - from) * constant,
+                None => {
+                    let mut sum = 0.0;
+                    for (place, weight) in RULE {
+                        sum += weight * component.at(points[node], from + place * (to - from))?;
+                    }
+                    (to - from) * sum
+                }
+            };
+        }
+        Ok(path)
+    }))
+}
