@@ -398,13 +398,14 @@ fn friction_on_a_belt() {
                 {CLAMPED}
                 mesh = {{ element = "hct", cells = [10, 4] }}
                 initial.velocity = -0.4
+                part = [{{ where = "x > 0.6", thickness = 0.012 }}]
                 obstacle = [
                     {{ name = "belt", side = "below", height = -0.002, where = "x > 0.7", friction = 0.6, velocity = [0.3, "0.2*sin(90*t)"] }},
                     {{ side = "above", height = 0.001, where = "x > 0.5", friction = 0.2 }},
                     {{ side = "below", height = -0.003, where = "x < 0.5" }},
                 ]
                 load = {{ pressure = "300*sin(200*t) - 900" }}
-                time = {{ scheme = "{scheme}", mass = "{mass}", step = 1e-4, end = 0.03 }}
+                time = {{ scheme = "{scheme}", mass = "{mass}", step = 1e-4, end = 0.024 }}
                 output = {{ probes = [
                     {{ name = "tip", at = [1.2, 0.2] }},
                     {{ name = "moment", at = [1.2, 0.2], quantity = "friction_moment_x" }},

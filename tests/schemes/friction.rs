@@ -12,7 +12,7 @@ use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
     ContactFriction, Damping, FrictionalNode, FrictionalSide, Massless, Midpoint, Newmark, NewmarkParameters,
-    Scheme, Start, System, TimeDependence,
+    Scheme, Solution, Start, System, TimeDependence,
 };
 use rebond::simulation::{self, Model};
 use std::f64::consts::PI;
@@ -181,6 +181,69 @@ fn energy_becomes_heat_and_nothing_else() {
             assert!(error < 1e-12, "{name}, {velocity:?}: {error:e}");
         }
     }
+}
+
+/// Friction on a belt swings up two motions of one frequency.
+///
+/// A mass m on a spring k presses a stop of stiffness c, and a slope theta of inertia I on a spring
+/// q is coupled with it by b. The moment of friction follows the normal force: about the state at
+/// rest
+///
+/// ```text
+/// m w'' = -(k + c) w - b theta,   I theta'' = -q theta - (b - M) w,   M = mu c h/2,
+/// ```
+///
+/// so that with one frequency omega and b between 0 and M a motion `exp(lambda t)` grows, where
+/// `lambda^2 = -omega^2 + i g`, `g^2 = b (M - b) / (m I)`.
+#[test]
+fn a_belt_swings_up_two_motions_of_one_frequency() {
+    let (mass, k, c) = (0.5, 2e4, 1e6);
+    let moment = COEFFICIENT * ARM * c;
+    let b = 0.4 * moment;
+    let square = (k + c) / mass;
+    let engine = Native::new(3);
+    let of_plate = block(&[Some(0), Some(1)], &[k, b, b, square * INERTIA], 0);
+    let of_stop = block(&[Some(0), Some(2)], &[c, -c, -c, c], 1);
+    let stiffness = engine.form(vec![of_plate, of_stop]);
+    let inertia = engine.form(vec![block(&[Some(0), Some(1)], &[mass, 0.0, 0.0, INERTIA], 2)]);
+    let side = FrictionalSide { obstacle: 0, coefficient: COEFFICIENT, arm: ARM };
+    let node = FrictionalNode { bound: 0, slopes: [Some((1, 1.0)), None], sides: [Some(side), None] };
+    let path = |_: usize, _: usize, [from, to]: [f64; 2]| Ok([from - to, 0.0]);
+    let friction = ContactFriction { nodes: vec![node], obstacles: 1, path: Some(Box::new(path)) };
+    let rest = -WEIGHT / c;
+    let system = System {
+        engine,
+        stiffness,
+        mass: inertia,
+        damping: Damping::default(),
+        load: Some(vec![(k + c) * rest, (b - moment) * rest, 0.0]),
+        bounds: Bounds::uniform(vec![2], 0.0, f64::INFINITY),
+        bound_numbers: None,
+        drive: TimeDependence { friction: Some(friction), ..TimeDependence::default() },
+    };
+    let g = (b * (moment - b) / (mass * INERTIA)).sqrt();
+    let rate = (0.5 * (square.hypot(g) - square)).sqrt();
+    let omega = 0.5 * g / rate;
+    let size = 1e-3 * rest.abs();
+    let errors = [200.0, 400.0].map(|steps| {
+        let start = Start {
+            displacement: vec![rest + size, 0.0, 0.0],
+            velocity: vec![rate * size, omega * g * mass / b * size, 0.0],
+        };
+        let mut scheme =
+            Midpoint::new(&system, 2.0 * PI / omega / steps, Massless::Reflected, start).unwrap();
+        let mut error = 0.0_f64;
+        while scheme.time() < 20.0 * 2.0 * PI / omega {
+            scheme.advance().unwrap();
+            assert!(scheme.step_report().kkt < 1e-12, "{:e}", scheme.step_report().kkt);
+            let t = scheme.time();
+            let exact = size * (rate * t).exp() * (omega * t).cos();
+            error = error.max((scheme.displacement()[0] - rest - exact).abs() / size);
+        }
+        error
+    });
+    assert!(rate * 40.0 * PI / omega > 0.2);
+    assert!(errors[0] < 0.03 && errors[1] < 0.3 * errors[0], "{errors:?}");
 }
 
 /// Strip of bending stiffness 1 N m and mass 1 kg/m2.

@@ -29,7 +29,8 @@ pub(super) fn of_obstacles<P: Partition>(
         return Ok(None);
     }
     let sections = PlateAssembly::new(ground.scene, ground.mesh, ground.comm())?;
-    let facing = nodes(ground, &sections, opposite, bounded);
+    let arms = arms(ground, &sections)?;
+    let facing = nodes(ground, &arms, opposite, bounded);
     let (nodes, points) = ground.comm().all_ok(facing)?;
     let obstacles = ground.scene.obstacles.len();
     let doubt = doubt(ground, &nodes, bounded);
@@ -71,29 +72,36 @@ fn doubt<P: Partition>(
     })
 }
 
+/// Returns half the mean thickness of the cells around each node, in m. Collective.
+fn arms<P: Partition>(ground: &BuildContext<P>, sections: &PlateAssembly) -> Result<Vec<f64>> {
+    let mesh = ground.mesh;
+    let sums = || {
+        let (mut sums, mut counts) = (vec![0.0; mesh.nodes.len()], vec![0.0; mesh.nodes.len()]);
+        for (cell, corners) in mesh.cells.iter().enumerate() {
+            for &node in corners.nodes() {
+                sums[node] += sections.section(cell, mesh.nodes[node])?.thickness;
+                counts[node] += 1.0;
+            }
+        }
+        Ok((sums, counts))
+    };
+    let (sums, counts) = ground.comm().all_ok(sums())?;
+    let [sums, counts] = [ground.partition.sum_at_nodes(&sums)?, ground.partition.sum_at_nodes(&counts)?];
+    Ok(sums.into_iter().zip(counts).map(|(sum, count)| 0.5 * sum / count).collect())
+}
+
 /// Returns the nodes of this process that obstacles with friction face, and their places.
 fn nodes<P: Partition>(
     ground: &BuildContext<P>,
-    sections: &PlateAssembly,
+    arms: &[f64],
     opposite: &[Vec<usize>],
     bounded: &[DeflectionDof],
 ) -> Result<(Vec<FrictionalNode>, Vec<Point>)> {
-    let BuildContext { scene, mesh, space, partition, .. } = ground;
+    let BuildContext { scene, space, partition, .. } = ground;
     let mut facing: BTreeMap<usize, [Vec<usize>; 2]> = BTreeMap::new();
     for (number, faced) in opposites(scene, opposite, bounded).enumerate() {
         for bound in faced.bounds {
             facing.entry(bound).or_default()[usize::from(faced.side == Side::Above)].push(number);
-        }
-    }
-    // Sum and number of the thicknesses of the cells around each node.
-    let mut thickness = vec![None; mesh.nodes.len()];
-    facing.keys().for_each(|bound| thickness[bounded[*bound].node] = Some((0.0, 0.0)));
-    for (cell, corners) in mesh.cells.iter().enumerate() {
-        for &node in corners.nodes() {
-            if let Some((sum, count)) = &mut thickness[node] {
-                *sum += sections.section(cell, mesh.nodes[node])?.thickness;
-                *count += 1.0;
-            }
         }
     }
     let coefficient = |obstacle: usize| scene.obstacles[obstacle].rubs();
@@ -104,7 +112,7 @@ fn nodes<P: Partition>(
         }
         let DeflectionDof { node, at: [x, y], .. } = bounded[bound];
         let point = Point::new(x, y);
-        let arm = thickness[node].map_or(0.0, |(sum, count)| 0.5 * sum / count);
+        let arm = arms[node];
         let side = |obstacles: &[usize]| {
             let Some(&obstacle) = obstacles.iter().find(|obstacle| coefficient(**obstacle).is_some()) else {
                 return Ok(None);
