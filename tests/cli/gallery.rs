@@ -159,6 +159,7 @@ fn every_scene_is_told_and_pinned() {
         "reed",
         "snare",
         "snubber",
+        "squeal",
         "stack",
         "strip",
         "struck",
@@ -183,6 +184,25 @@ fn every_scene_is_told_and_pinned() {
     }
     found.sort();
     assert_eq!(found, pinned);
+}
+
+/// The wave grows evenly, by a factor in each of three equal times, as long as the feet hold.
+#[test]
+fn friction_on_a_turning_disc_makes_a_plate_squeal() {
+    let energy = |friction: &str| {
+        let friction = format!("obstacle.0.friction={friction}");
+        let run = run("squeal", &[&friction, "time.end=0.19"]);
+        let curve = run.curve("kinetic");
+        [0.1, 0.13, 0.16].map(|from| {
+            let rows = curve.iter().filter(|(t, _)| (from..from + 0.03).contains(t));
+            rows.map(|(_, kinetic)| *kinetic).fold(0.0, f64::max)
+        })
+    };
+    let [first, second, third] = energy("0.4");
+    assert!(second > 3.0 * first && third > 3.0 * second, "{first:e}, {second:e}, {third:e}");
+    assert!(((third / second) / (second / first)).ln().abs() < 0.5, "{first:e}, {second:e}, {third:e}");
+    let [first, second, third] = energy("0.05");
+    assert!(second < first && third < second, "{first:e}, {second:e}, {third:e}");
 }
 
 #[test]
