@@ -51,7 +51,8 @@ const CLOSE: f64 = 1e-13;
 const ACCEPTED: f64 = 1e-11;
 /// Largest number of unknowns of the dense problem: reactions, and two moments per node.
 const MOST_UNKNOWNS: usize = 6000;
-/// Compliance of a slope that supports hold, relative to the largest one.
+/// Compliance that every slope has beside its own, relative to the largest one, since supports may
+/// hold it.
 const HELD: f64 = 1e-13;
 
 /// Function that returns the path (m) of the obstacle at a node and side between two instants (s).
@@ -95,6 +96,13 @@ pub struct FrictionalSide {
     pub arm: f64,
 }
 
+impl FrictionalSide {
+    /// Returns the largest moment per force of the contact, in m.
+    fn grip(self) -> f64 {
+        self.coefficient * self.arm
+    }
+}
+
 /// Friction at a node in the last step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct NodalFriction {
@@ -136,7 +144,7 @@ pub(super) struct CoulombFriction<'s> {
     weight: f64,
     /// Stiffness by which an error of the slip is measured, in N m, one entry per node.
     rho: Vec<f64>,
-    columns: SlopeColumns,
+    compliance: ContactCompliances,
     /// Work of the obstacles' motion, in J, and in the present increment.
     work: [f64; 2],
     /// Heat by obstacle, in J, and in the present increment.
@@ -145,15 +153,17 @@ pub(super) struct CoulombFriction<'s> {
     heat_before: Vec<f64>,
 }
 
-/// SlopeColumns of the inverse of the step matrix at the bounded dofs and the slopes of the nodes.
-struct SlopeColumns {
+/// Inverse of the step matrix in the directions of the bounds and of the slopes: the columns of
+/// unit forces that were needed so far, of all ranks.
+struct ContactCompliances {
     factor: Option<Box<dyn Factor>>,
-    /// Dofs of this rank at which columns are kept: all bounded ones, then slopes node by node.
-    dofs: Vec<usize>,
-    /// Index into the dofs of each slope of a node.
-    slopes: Vec<[Option<usize>; 2]>,
-    /// SlopeColumns, by the rank and the index of the dof where the unit force acts.
-    kept: HashMap<[usize; 2], Vec<f64>>,
+    /// Dof and part of each direction of this rank: first the bounds, then two slopes per node;
+    /// `None` where a support holds it.
+    directions: Vec<Option<(usize, f64)>>,
+    /// Number of bounds.
+    bounds: usize,
+    /// Columns by rank and direction of the unit force, each with an entry per direction here.
+    columns: HashMap<[usize; 2], Vec<f64>>,
 }
 
 impl<'s> CoulombFriction<'s> {
@@ -172,19 +182,6 @@ impl<'s> CoulombFriction<'s> {
         let rho = |node: &FrictionalNode| {
             node.slopes.iter().flatten().map(|(dof, _)| diagonal[*dof]).fold(0.0, f64::max)
         };
-        let mut dofs: Vec<usize> = bounds.dofs.iter().copied().collect();
-        let slopes = |node: &FrictionalNode| {
-            let [x, y] = node.slopes;
-            let first = dofs.len();
-            dofs.extend(x.map(|(dof, _)| dof));
-            let is_shared = x.is_some() && x.map(|(dof, _)| dof) == y.map(|(dof, _)| dof);
-            if !is_shared {
-                dofs.extend(y.map(|(dof, _)| dof));
-            }
-            let second = if is_shared { first } else { first + usize::from(x.is_some()) };
-            [x.map(|_| first), y.map(|_| second)]
-        };
-        let slopes = given.nodes.iter().map(slopes).collect();
         let count = given.nodes.len();
         Ok(CoulombFriction {
             given,
@@ -195,7 +192,7 @@ impl<'s> CoulombFriction<'s> {
             constant: vec![[[0.0; 2]; 2]; count],
             weight: 1.0,
             rho: given.nodes.iter().map(rho).collect(),
-            columns: SlopeColumns { factor: None, dofs, slopes, kept: HashMap::new() },
+            compliance: ContactCompliances::new(bounds, &given.nodes),
             work: [0.0; 2],
             heat: vec![[0.0; 2]; given.obstacles],
             heat_before: vec![0.0; given.obstacles],
@@ -254,7 +251,7 @@ impl<'s> CoulombFriction<'s> {
             let side = usize::from(r < 0.0);
             let friction = node.sides[side].filter(|_| r != 0.0);
             state.side = friction.map(|_| side);
-            state.radius = friction.map_or(0.0, |side| side.coefficient * side.arm * r.abs());
+            state.radius = friction.map_or(0.0, |side| side.grip() * r.abs());
             let slope = |k: usize| node.slopes[k].map_or(0.0, |(dof, factor): (usize, f64)| factor * x[dof]);
             state.slip = [0, 1].map(|k| constant[side][k] + self.weight * slope(k));
             largest_moment = largest_moment.max(state.radius).max(state.moment[0].hypot(state.moment[1]));
@@ -331,113 +328,55 @@ impl<'s> CoulombFriction<'s> {
         loaded: &[usize],
     ) -> Result<(CoulombProblem, usize)> {
         let comm = engine.comm();
-        let CoulombFriction { given, states, columns, weight, .. } = self;
-        // Unknowns of this rank: closed bounds, then slopes.
-        let mut unknowns: Vec<usize> = closed.iter().map(|(bound, _)| *bound).collect();
-        let slope = |&node: &usize| columns.slopes[node];
-        let mut places = Vec::new();
-        for [x, y] in loaded.iter().map(slope) {
-            let mut place = |row: Option<usize>| {
-                row.map(|row| {
-                    let present = unknowns[closed.len()..].iter().position(|other| *other == row);
-                    present.map_or_else(
-                        || {
-                            unknowns.push(row);
-                            unknowns.len() - 1
-                        },
-                        |place| closed.len() + place,
-                    )
-                })
-            };
-            places.push([place(x), place(y)]);
-        }
-        let inverse = columns.inverse(engine, matrix, &unknowns)?;
-        let first = comm.all_gather_one(unknowns.len())[..comm.rank()].iter().sum::<usize>();
-        let soft: Vec<(usize, f64)> = comm.all_gather(
-            &closed.iter().enumerate().map(|(k, (_, soft))| (first + k, *soft)).collect::<Vec<_>>(),
-        );
-        let column = |place: Option<usize>| place.map_or(-1.0, |place| (first + place) as f64);
-        let rows = loaded.iter().zip(&places).map(|(&node, place)| {
-            let (site, state) = (&given.nodes[node], &states[node]);
-            let bound = closed.iter().position(|(bound, _)| *bound == site.bound && state.side.is_some());
-            let factor = |k: usize| site.slopes[k].map_or(0.0, |(_, factor): (usize, f64)| factor);
-            // The reaction of an obstacle above is negative.
-            let grip = state.side.and_then(|side| {
-                let FrictionalSide { coefficient, arm, .. } = site.sides[side]?;
-                Some(if side == 0 { coefficient * arm } else { -coefficient * arm })
-            });
-            let [x, y] = state.slip;
-            [
-                column(place[0]),
-                factor(0),
-                column(place[1]),
-                factor(1),
-                column(bound),
-                grip.unwrap_or(0.0),
-                x,
-                y,
-                state.radius,
-            ]
-        });
-        let rows: Vec<[f64; 9]> = comm.all_gather(&rows.collect::<Vec<_>>());
-        let first_node = comm.all_gather_one(loaded.len())[..comm.rank()].iter().sum();
-        let count = rows.len();
-
-        // Deflections and slopes that the moments cause, with all contacts open.
-        let mut open = Mat::<f64>::zeros(inverse.nrows(), 2 * count);
-        for (node, row) in rows.iter().enumerate() {
-            for k in 0..2 {
-                if row[2 * k] >= 0.0 {
-                    let from = inverse.col_as_slice(row[2 * k] as usize);
-                    let to = open.col_as_slice_mut(2 * node + k);
-                    to.iter_mut().zip(from).for_each(|(to, from)| *to = row[2 * k + 1] * from);
-                }
-            }
-        }
-        // Reactions of the closed contacts to the moments.
-        let mut reactions = Mat::from_fn(soft.len(), 2 * count, |i, j| -open[(soft[i].0, j)]);
-        let closed = Mat::from_fn(soft.len(), soft.len(), |i, j| {
-            inverse[(soft[i].0, soft[j].0)] + if i == j { soft[i].1 } else { 0.0 }
-        });
-        match closed.llt(Side::Lower) {
+        let CoulombFriction { given, states, compliance, weight, .. } = self;
+        let at_bounds: Vec<usize> = closed.iter().map(|(bound, _)| *bound).collect();
+        let at_slopes: Vec<usize> = loaded.iter().flat_map(|&node| compliance.slopes(node)).collect();
+        let [bounds, slopes] =
+            [&at_bounds, &at_slopes].map(|local| ContactCompliances::everywhere(comm, local));
+        compliance.extend(engine, matrix, &[&*bounds, &slopes].concat())?;
+        // Deflections at closed bounds, and slopes, that unit forces and moments cause.
+        let mut at_closed = compliance.block(comm, &at_bounds, &bounds);
+        let softness = comm.all_gather(&closed.iter().map(|(_, softness)| *softness).collect::<Vec<_>>());
+        softness.iter().enumerate().for_each(|(i, softness)| at_closed[(i, i)] += softness);
+        let between = compliance.block(comm, &at_bounds, &slopes);
+        let open = compliance.block(comm, &at_slopes, &slopes);
+        // Reactions of the closed bounds to the moments.
+        let mut reactions = -&between;
+        match at_closed.llt(Side::Lower) {
             Ok(root) => root.solve_in_place(&mut reactions),
-            // Contacts that depend on each other to rounding stay out.
+            // Bounds that depend on each other to rounding stay out.
             Err(_) => reactions.fill(0.0),
         }
-        let deflections = Mat::from_fn(soft.len(), 2 * count, |i, j| open[(soft[i].0, j)]);
-        let mut compliance = deflections.transpose() * &reactions;
-        for (node, row) in rows.iter().enumerate() {
-            for k in 0..2 {
-                if row[2 * k] >= 0.0 {
-                    for column in 0..2 * count {
-                        compliance[(2 * node + k, column)] +=
-                            row[2 * k + 1] * open[(row[2 * k] as usize, column)];
-                    }
-                }
-            }
-        }
-        let mut compliance = Mat::from_fn(2 * count, 2 * count, |i, j| {
-            0.5 * *weight * (compliance[(i, j)] + compliance[(j, i)])
-        });
-        let largest = (0..2 * count).map(|i| compliance[(i, i)]).fold(0.0, f64::max);
+        let total = open + between.transpose() * &reactions;
+        let size = slopes.len();
+        let mut slips = Mat::from_fn(size, size, |i, j| 0.5 * *weight * (total[(i, j)] + total[(j, i)]));
+        let largest = (0..size).map(|i| slips[(i, i)]).fold(0.0, f64::max);
         let floor = HELD * if largest > 0.0 { largest } else { 1.0 };
-        for i in 0..2 * count {
-            compliance[(i, i)] = compliance[(i, i)].max(floor);
-        }
-        let mut place_of = vec![None; inverse.nrows()];
-        soft.iter().enumerate().for_each(|(place, (unknown, _))| place_of[*unknown] = Some(place));
-        let radius_rate = Mat::from_fn(count, 2 * count, |node, column| {
-            let bound = rows[node][4];
-            let place = if bound < 0.0 { None } else { place_of[bound as usize] };
-            place.map_or(0.0, |place| rows[node][5] * reactions[(place, column)])
+        (0..size).for_each(|i| slips[(i, i)] += floor);
+
+        let first_bound: usize = comm.all_gather_one(closed.len())[..comm.rank()].iter().sum();
+        let node = |&node: &usize| {
+            let (FrictionalNode { bound, sides, .. }, NodeState { slip, radius, side, .. }) =
+                (given.nodes[node], states[node]);
+            // The reaction of an obstacle above is negative.
+            let sign = if side == Some(1) { -1.0 } else { 1.0 };
+            let grip = side.and_then(|side| sides[side]).map_or(0.0, |side| sign * side.grip());
+            let place = at_bounds.binary_search(&bound).map_or(usize::MAX, |place| first_bound + place);
+            (place, grip, slip, radius)
+        };
+        let nodes: Vec<(usize, f64, [f64; 2], f64)> =
+            comm.all_gather(&loaded.iter().map(node).collect::<Vec<_>>());
+        let radius_rate = Mat::from_fn(nodes.len(), size, |node, column| match nodes[node] {
+            (usize::MAX, ..) => 0.0,
+            (place, grip, ..) => grip * reactions[(place, column)],
         });
         let problem = CoulombProblem {
-            compliance,
-            slip: rows.iter().map(|row| [row[6], row[7]]).collect(),
-            radius: rows.iter().map(|row| row[8]).collect(),
+            compliance: slips,
+            slip: nodes.iter().map(|(.., slip, _)| *slip).collect(),
+            radius: nodes.iter().map(|(.., radius)| *radius).collect(),
             radius_rate,
         };
-        Ok((problem, first_node))
+        Ok((problem, comm.all_gather_one(loaded.len())[..comm.rank()].iter().sum()))
     }
 
     /// Returns the path of the obstacle that a node presses on, as slopes; 0 off obstacles.
@@ -592,44 +531,65 @@ fn softness(bounds: &Bounds, bound: usize, x: &[f64], reaction: &[f64]) -> Optio
     (stiffness > 0.0).then(|| 1.0 / stiffness)
 }
 
-impl SlopeColumns {
-    /// Returns the inverse of the step matrix at the unknowns of all ranks, given those of this
-    /// rank as indices into its dofs. Collective.
-    fn inverse<E: Engine>(
+impl ContactCompliances {
+    /// Prepares the compliance at bounds and at the slopes of nodes.
+    fn new(bounds: &Bounds, nodes: &[FrictionalNode]) -> ContactCompliances {
+        let deflections = bounds.dofs.iter().map(|&dof| Some((dof, 1.0)));
+        let directions = deflections.chain(nodes.iter().flat_map(|node| node.slopes)).collect();
+        ContactCompliances { factor: None, directions, bounds: bounds.len(), columns: HashMap::new() }
+    }
+
+    /// Returns the directions of the slopes of a node, along x and y.
+    fn slopes(&self, node: usize) -> [usize; 2] {
+        [0, 1].map(|axis| self.bounds + 2 * node + axis)
+    }
+
+    /// Returns rank and number of the directions of all ranks, given those of this rank.
+    /// Collective.
+    fn everywhere(comm: &impl Communicator, local: &[usize]) -> Vec<[usize; 2]> {
+        comm.all_gather(&local.iter().map(|&direction| [comm.rank(), direction]).collect::<Vec<_>>())
+    }
+
+    /// Solves for the columns of some directions that are not there yet. Collective.
+    fn extend<E: Engine>(
         &mut self,
         engine: &E,
         matrix: &LinearCombination,
-        unknowns: &[usize],
-    ) -> Result<Mat<f64>> {
-        let comm = engine.comm();
-        let keys: Vec<[usize; 2]> =
-            comm.all_gather(&unknowns.iter().map(|&row| [comm.rank(), row]).collect::<Vec<_>>());
-        if keys.len() > MOST_UNKNOWNS {
+        directions: &[[usize; 2]],
+    ) -> Result<()> {
+        if directions.len() > MOST_UNKNOWNS {
             return Err(Error::Usage(format!(
                 "obstacle.friction: {} reactions and moments act at once, more than the {MOST_UNKNOWNS} that friction is \
                  solved for; expected a coarser mesh, or obstacles that fewer nodes touch",
-                keys.len()
+                directions.len()
             )));
         }
-        for key in &keys {
-            if self.kept.contains_key(key) {
+        for &[rank, direction] in directions {
+            if self.columns.contains_key(&[rank, direction]) {
                 continue;
             }
             let factor = match &mut self.factor {
                 Some(factor) => factor,
                 none => none.insert(engine.factor(matrix, &[])?),
             };
-            let mut column = vec![0.0; engine.dofs()];
-            if key[0] == comm.rank() {
-                column[self.dofs[key[1]]] = 1.0;
+            let mut x = vec![0.0; engine.dofs()];
+            if rank == engine.comm().rank() {
+                self.directions[direction].iter().for_each(|&(dof, part)| x[dof] = part);
             }
-            factor.solve(&mut column)?;
-            self.kept.insert(*key, self.dofs.iter().map(|&dof| column[dof]).collect());
+            factor.solve(&mut x)?;
+            let along = |direction: &Option<(usize, f64)>| direction.map_or(0.0, |(dof, part)| part * x[dof]);
+            self.columns.insert([rank, direction], self.directions.iter().map(along).collect());
         }
-        let columns: Vec<&Vec<f64>> = keys.iter().map(|key| &self.kept[key]).collect();
+        Ok(())
+    }
+
+    /// Returns the block of the rows of all ranks, given those of this rank, and of some columns.
+    /// Collective.
+    fn block(&self, comm: &impl Communicator, rows: &[usize], columns: &[[usize; 2]]) -> Mat<f64> {
+        let kept: Vec<&Vec<f64>> = columns.iter().map(|column| &self.columns[column]).collect();
         let part: Vec<f64> =
-            unknowns.iter().flat_map(|&row| columns.iter().map(move |column| column[row])).collect();
-        let rows = comm.all_gather(&part);
-        Ok(Mat::from_fn(keys.len(), keys.len(), |i, j| rows[i * keys.len() + j]))
+            rows.iter().flat_map(|&row| kept.iter().map(move |column| column[row])).collect();
+        let (entries, height) = (comm.all_gather(&part), comm.all_reduce_sum(rows.len()));
+        Mat::from_fn(height, columns.len(), |i, j| entries[i * columns.len() + j])
     }
 }

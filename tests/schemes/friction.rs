@@ -7,7 +7,7 @@
 //! belt it sticks until the spring takes all of M, and then vibrates about M/k without loss.
 
 use crate::common::block;
-use crate::common::scenes::{Instant, grid, run, run_to_end, same, scene};
+use crate::common::scenes::{Instant, grid, inspect, run, run_to_end, same, scene};
 use rebond::linalg::Native;
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
@@ -331,6 +331,29 @@ fn an_endless_coefficient_holds_the_slopes_and_none_is_not_there() {
         stuck.iter_mut().for_each(|row| row.probes.truncate(1));
         same(&stuck, &held, 1e-9);
     }
+}
+
+/// On a belt the strip swings about the state in which it slides evenly, as fast as one whose tip is
+/// supported: its middle has the period of the first mode.
+#[test]
+fn a_strip_on_a_belt_swings_as_if_its_tip_were_supported() {
+    let belt = "where = \"x > 0.95\", friction = 0.3, velocity = [-1, 0]";
+    let text = strip("fvs", belt, "-100") + "initial.static_pressure = -100\n" + &time(METHODS[2], 5e-4, 4.0);
+    let rows = run(&text);
+    let held = strip("fvs", belt, "-100")
+        .replace("support = [", "support = [{ edge = \"right\", kind = \"simply_supported\" }, ");
+    let held = held.lines().filter(|line| !line.starts_with("obstacle") && !line.starts_with("output"));
+    let held = held.collect::<Vec<_>>().join("\n") + "\n" + &time(METHODS[2], 5e-4, 4.0);
+    let frequency = inspect(&held).consistent.lowest[0];
+    assert!(rows[1..].iter().all(|row| row.contact_force > 0.0));
+    let mean = rows.iter().map(|row| row.probes[0]).sum::<f64>() / rows.len() as f64;
+    let rises: Vec<f64> = rows
+        .windows(2)
+        .filter(|w| w[0].probes[0] < mean && w[1].probes[0] >= mean)
+        .map(|w| w[1].time)
+        .collect();
+    let period = (rises[rises.len() - 1] - rises[0]) / (rises.len() - 1) as f64;
+    assert!(rises.len() > 5 && (period * frequency - 1.0).abs() < 0.01, "{period} {frequency}");
 }
 
 /// Mirrored in its middle plane a scene moves the mirrored way, and its heat is the same.
