@@ -2,8 +2,9 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{Compliance, FieldInput, InPlane, Initial, Load, Obstacle, Scene, Side};
+use super::{Compliance, FieldInput, InPlane, Initial, Load, Mass, Obstacle, Scene, Side};
 use crate::contact_law::StopLaw;
+use crate::scheme::{Massless, SchemeSpec};
 
 impl Scene {
     /// Returns the names of the effects beyond the plate's own elasticity and inertia.
@@ -80,8 +81,22 @@ impl Scene {
         let is_damped = |damping: &super::Damping| {
             damping.mass != 0.0 || damping.stiffness != 0.0 || !damping.modal.is_none()
         };
-        let has_friction = !self.sliders.is_empty() || self.frictional_obstacle().is_some();
-        self.damping.as_ref().is_some_and(is_damped) || self.dashpot().is_some() || has_friction
+        self.damping.as_ref().is_some_and(is_damped) || self.dashpot().is_some() || self.has_friction()
+    }
+
+    /// Returns whether a slider or an obstacle has friction.
+    pub fn has_friction(&self) -> bool {
+        !self.sliders.is_empty() || self.frictional_obstacle().is_some()
+    }
+
+    /// Returns whether a scheme with a mass follows all friction of the scene, if there is any.
+    pub fn rubs_with(&self, scheme: SchemeSpec, mass: Mass) -> bool {
+        let is_held_back = match scheme {
+            SchemeSpec::Midpoint { massless: Massless::Equilibrium } => mass == Mass::Singular,
+            _ => scheme.restitution().is_some_and(|e| e > 0.0),
+        };
+        let takes_friction = scheme.capabilities().takes_friction && mass != Mass::Modal && !is_held_back;
+        takes_friction || !self.has_friction()
     }
 
     /// Returns the number of the first obstacle with friction, if any.

@@ -163,8 +163,11 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Sc
         // A mesh that cannot be made is reported by the trials.
         let cells = simulation::mesh(&variant).map_or(0, |mesh| mesh.cells.len());
         let yields = scene.yielding_stop().is_some();
-        let takes_stops = |method: &Method| !yields || method.scheme.capabilities().takes_laws;
-        for method in methods(engine, vi).into_iter().filter(takes_stops) {
+        let serves = |method: &Method| {
+            let takes_stops = !yields || method.scheme.capabilities().takes_laws;
+            takes_stops && scene.rubs_with(method.scheme, method.mass)
+        };
+        for method in methods(engine, vi).into_iter().filter(serves) {
             let is_dense = method.scheme == SchemeSpec::Exact && method.mass != Mass::Modal;
             if is_dense && cells > MOST_EXACT_CELLS {
                 continue;

@@ -256,6 +256,38 @@ fn a_plan_has_every_combination_that_makes_sense() {
     assert_eq!(Plan::new(&scene, &scene.study()).unwrap().methods.len(), 6);
 }
 
+/// No method leaves the friction of a scene out, be it the reference.
+#[test]
+fn studies_follow_friction() {
+    let text = concat!(
+        literal!(PAPER_PLATE),
+        r#"
+        mesh = { element = "fvs", cells = [4, 2] }
+        support = [{ edge = "left", kind = "clamped" }]
+        obstacle = [{ side = "below", height = -0.001, friction = 0.3 }]
+        initial.velocity = -0.5
+        time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 4e-3 }
+        output.probes = [{ name = "tip", at = [1.2, 0.2] }]
+        [study]
+        masses = ["singular", "modal"]
+        modes = [6]
+        repeat = 1
+        "#
+    );
+    let scene = Scene::from_str(text, "plan.toml", &[]).unwrap();
+    let plan = Plan::new(&scene, &scene.study()).unwrap();
+    let methods: Vec<String> = plan.methods.iter().map(ToString::to_string).collect();
+    assert_eq!(methods, ["newmark e=0 singular", "midpoint reflected singular"]);
+    let reference = study(text).reference;
+    assert!(reference.contains("midpoint reflected"), "{reference}");
+    let sliding = text.replace(
+        "height = -0.001, friction = 0.3 }]",
+        "height = -0.001, where = \"x < 1\" }]\nslider = [{ at = [1.2, 0.2], force = 1 }]",
+    );
+    let scene = Scene::from_str(&sliding, "plan.toml", &[]).unwrap();
+    assert_eq!(Plan::new(&scene, &scene.study()).unwrap().methods.len(), 2);
+}
+
 #[test]
 fn the_command_writes_a_table_two_files_and_pictures() {
     let scene = concat!(

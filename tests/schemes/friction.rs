@@ -333,8 +333,8 @@ fn an_endless_coefficient_holds_the_slopes_and_none_is_not_there() {
     }
 }
 
-/// On a belt the strip swings about the state in which it slides evenly, as fast as one whose tip is
-/// supported: its middle has the period of the first mode.
+/// On a belt the strip swings about the state in which it slides evenly, as fast as one whose tip
+/// is supported: its middle has the period of the first mode.
 #[test]
 fn a_strip_on_a_belt_swings_as_if_its_tip_were_supported() {
     let belt = "where = \"x > 0.95\", friction = 0.3, velocity = [-1, 0]";

@@ -4,7 +4,9 @@ use crate::dof_map::DofMap;
 use crate::error::{self, Error};
 use crate::mesh::Mesh;
 use crate::modes::ModeRange;
-use crate::scene::{ContactSolver, Diagonal, EngineName, Grid, Mass, Scene, SchemeName, SchemeSpec, Study};
+use crate::scene::{
+    ContactSolver, Diagonal, EngineName, Grid, Mass, Massless, Scene, SchemeName, SchemeSpec, Study,
+};
 use crate::scheme::registry::SchemeOptions;
 use crate::simulation;
 use serde::{Deserialize, Serialize};
@@ -248,6 +250,7 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Absent>) -> Vec<Metho
         _ => 0.5,
     };
     let massless = |mass: Mass| match scene.time.scheme {
+        _ if scene.has_friction() => Massless::Reflected,
         SchemeSpec::Midpoint { massless } if scene.time.mass == mass => massless,
         _ => mass.massless(),
     };
@@ -281,6 +284,10 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Absent>) -> Vec<Metho
                     let restitutions = if bounces { &study.restitutions[..] } else { &[0.0] };
                     for scheme in restitutions.iter().map(|&restitution| with(restitution)) {
                         let with = |modes| Method { scheme, mass, modes, engine, vi };
+                        if !scene.rubs_with(scheme, mass) {
+                            leave_out(dropped, with(None).to_string(), "it takes no friction");
+                            continue;
+                        }
                         match mass {
                             Mass::Modal => methods.extend(study.modes.iter().map(|&modes| with(Some(modes)))),
                             Mass::Singular | Mass::Consistent => methods.push(with(None)),

@@ -146,7 +146,8 @@ impl ReferenceSolution {
             Ok((source, fine, outcome, coarse))
         };
         let cells = mesh_and_space(base, grid)?.0.cells.len();
-        let (first, last) = family.methods(cells);
+        let (mut first, last) = family.methods(cells);
+        first.retain(|method| base.rubs_with(method.scheme, method.mass));
         let mut refused = match family {
             Family::Singular if cells > EXACT_CELLS => {
                 vec![format!("exact: more than {EXACT_CELLS} cells")]
