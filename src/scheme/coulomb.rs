@@ -33,12 +33,13 @@ use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
 use crate::contact_law::ContactLaw;
 use crate::error::{Error, Result};
+use crate::linalg::vectors::largest;
 use crate::linalg::{Engine, Factor, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::coulomb::{CoulombProblem, law_error};
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fmt;
 
 /// Largest number of turns of the two problems in a step.
@@ -49,8 +50,9 @@ const EAGER_ROUNDS: u32 = 20;
 /// improves.
 const CLOSE: f64 = 1e-13;
 const ACCEPTED: f64 = 1e-11;
-/// Largest number of unknowns of the dense problem: reactions, and two moments per node.
-const MOST_UNKNOWNS: usize = 6000;
+/// Largest number of unknowns of the dense problem, reactions and two moments per node, and of the
+/// columns that are kept for it.
+const MOST_UNKNOWNS: usize = 3000;
 /// Compliance that every slope has beside its own, relative to the largest one, since supports may
 /// hold it.
 const HELD: f64 = 1e-13;
@@ -272,12 +274,12 @@ impl<'s> CoulombFriction<'s> {
             let error = law_error(state.moment, state.slip, state.radius, rho);
             (error / largest_moment).min(error / (rho * largest_slope))
         };
-        comm.all_reduce_max(self.states.iter().zip(&self.rho).map(error).fold(0.0, f64::max))
+        comm.all_reduce_max(largest(self.states.iter().zip(&self.rho).map(error)))
     }
 
     /// Returns whether another turn is due after `round` turns, given the errors of the last two.
     pub fn goes_on(round: u32, [before, now]: [f64; 2]) -> bool {
-        let is_done = now <= CLOSE || now <= ACCEPTED && now > 0.5 * before || now.is_nan();
+        let is_done = now <= CLOSE || now <= ACCEPTED && now > 0.5 * before || !now.is_finite();
         !is_done && round < MOST_ROUNDS
     }
 
@@ -563,6 +565,11 @@ impl ContactCompliances {
                  solved for; expected a coarser mesh, or obstacles that fewer nodes touch",
                 directions.len()
             )));
+        }
+        let fresh = directions.iter().filter(|direction| !self.columns.contains_key(*direction)).count();
+        if self.columns.len() + fresh > MOST_UNKNOWNS {
+            let wanted: HashSet<&[usize; 2]> = directions.iter().collect();
+            self.columns.retain(|direction, _| wanted.contains(direction));
         }
         for &[rank, direction] in directions {
             if self.columns.contains_key(&[rank, direction]) {

@@ -249,7 +249,8 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let scale = largest(self.b.iter().copied()).max(scale.abs() * steepest);
         let [force, scale] =
             [weight * missing.abs() * steepest, scale].map(|share| engine.comm().all_reduce_max(share));
-        let kkt = if force > 0.0 { self.report.kkt.max(force / scale) } else { self.report.kkt };
+        let missing = if force == 0.0 { 0.0 } else { force / scale };
+        let kkt = largest([self.report.kkt, missing].into_iter());
         self.report = StepReport { iterations, kkt, ..self.report };
         (self.root_search, self.b) = (search, base);
         Ok(())
@@ -277,7 +278,8 @@ impl<'s, E: Engine> StepDriver<'s, E> {
                 break Err(error);
             }
             let error = friction.measure(engine.comm(), [&self.x, &self.reaction]);
-            report = StepReport { kkt: self.report.kkt.max(error), ..report.and(self.report) };
+            report =
+                StepReport { kkt: largest([self.report.kkt, error].into_iter()), ..report.and(self.report) };
             if !CoulombFriction::goes_on(round, [last, error]) {
                 break Ok(());
             }

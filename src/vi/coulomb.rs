@@ -23,6 +23,7 @@
 //! does not reduce the error, nodes are solved for one by one in turns, each exactly (nonlinear
 //! Gauss-Seidel; Jean 1999).
 
+use crate::linalg::vectors::largest;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
@@ -32,6 +33,8 @@ const MOST_ITERATIONS: usize = 100;
 const TURNS: usize = 20;
 /// Relative error that counts as rounding.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
+/// Relative error up to which moments that no longer improve count as solved.
+const ACCEPTED: f64 = 1e-12;
 /// Largest number of iterations for the radius of one node.
 const MOST_ROOT_ITERATIONS: usize = 60;
 
@@ -66,7 +69,7 @@ struct MomentTrial {
     moments: Vec<[f64; 2]>,
     slips: Vec<[f64; 2]>,
     radii: Vec<f64>,
-    /// Largest error of a node, relative to the largest radius or moment.
+    /// Largest error of a node, relative to the largest radius or moment; NaN if any is.
     error: f64,
 }
 
@@ -103,9 +106,10 @@ impl CoulombProblem {
                 }
             }
         }
-        let size = radii.iter().copied().chain(moments.iter().map(|m| m[0].hypot(m[1]))).fold(0.0, f64::max);
+        let lengths = moments.iter().map(|m| m[0].hypot(m[1]));
+        let size = radii.iter().map(|radius| radius.max(0.0)).chain(lengths).fold(0.0, f64::max);
         let error = |i: usize| law_error(moments[i], slips[i], radii[i], self.rho(i));
-        let error = (0..self.nodes()).map(error).fold(0.0, f64::max) / size.max(f64::MIN_POSITIVE);
+        let error = largest((0..self.nodes()).map(error)) / size.max(f64::MIN_POSITIVE);
         MomentTrial { moments, slips, radii, error }
     }
 
@@ -127,18 +131,13 @@ impl CoulombProblem {
             }
             let begin = if next.error < best.error { next.moments } else { best.moments.clone() };
             let turned = self.trial(&present, self.turn(&present, begin));
-            if turned.error < best.error || !best.error.is_finite() {
-                let is_idle = turned.error > 0.99 * best.error && best.error < 1e-13;
-                best = turned;
-                if is_idle {
-                    break;
-                }
-            } else if best.error < 1e-12 {
+            // The turns lead on even where the error rises on the way.
+            let improves = turned.error < best.error;
+            let is_idle = !improves && best.error < ACCEPTED;
+            if is_idle || turned.error.is_nan() {
                 break;
-            } else {
-                // The turns lead on even where the error rises on the way.
-                best = turned;
             }
+            best = turned;
         }
         moments.copy_from_slice(&best.moments);
         iterations
