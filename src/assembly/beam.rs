@@ -12,6 +12,7 @@
 use super::{CellMatrix, add_square};
 use crate::dof_map::PER_NODE;
 use crate::element::BasisFunction;
+use crate::element::quadrature::{GAUSS_2, GAUSS_4, LineNode};
 use crate::error::Result;
 use crate::geometry;
 use crate::mesh::{Mesh, Point};
@@ -38,27 +39,13 @@ pub struct BeamStiffness {
     pub torsion: f64,
 }
 
-/// Gauss rule on [-1, 1]: points and weights.
-type GaussRule = &'static [(f64, f64)];
-
-/// Rule that is exact up to degree 3: squares of second derivatives, and deflections.
-const CUBIC: GaussRule = &[(-0.577_350_269_189_625_8, 1.0), (0.577_350_269_189_625_8, 1.0)];
-
-/// Rule that is exact up to degree 7: squares of deflections.
-const SEPTIC: GaussRule = &[
-    (-0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
-    (-0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
-    (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
-    (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
-];
-
 /// Distance from a sub-cell, relative to its longest side, up to which a line counts as within it.
 const WITHIN: f64 = 1e-10;
 
 impl BeamPiece {
     /// Returns the points of a Gauss rule with their weights, in m, which add up to the share of
     /// the length.
-    fn points(&self, rule: GaussRule) -> impl Iterator<Item = (Point, f64)> {
+    fn points(&self, rule: &'static [LineNode]) -> impl Iterator<Item = (Point, f64)> {
         let (half, middle) =
             (0.5 * (self.ends[1] - self.ends[0]), nalgebra::center(&self.ends[0], &self.ends[1]));
         let scale = self.share * half.norm();
@@ -67,7 +54,7 @@ impl BeamPiece {
 
     /// Returns points of the piece with the masses, in kg, that represent a beam of so many kg/m.
     pub fn masses(&self, per_length: f64) -> impl Iterator<Item = (Point, f64)> {
-        self.points(SEPTIC).map(move |(point, weight)| (point, per_length * weight))
+        self.points(&GAUSS_4).map(move |(point, weight)| (point, per_length * weight))
     }
 
     /// Adds the stiffness of the piece to a matrix over the cell's dofs, stored by rows.
@@ -82,7 +69,7 @@ impl BeamPiece {
             let [xx, xy, yy] = basis.hessian;
             along.x * along.y * (yy - xx) + (along.x * along.x - along.y * along.y) * xy
         };
-        for (point, weight) in self.points(CUBIC) {
+        for (point, weight) in self.points(&GAUSS_2) {
             let basis = element.basis_at(point);
             let bent: Vec<f64> = basis.iter().map(bend).collect();
             let twisted: Vec<f64> = basis.iter().map(twist).collect();

@@ -1,4 +1,4 @@
-//! Symmetric quadrature rules on a triangle.
+//! Symmetric quadrature rules on a triangle, and Gauss rules on a line.
 //!
 //! A rule is a list of points in barycentric coordinates with weights that sum to 1, and thus gives
 //! the mean over the triangle. All points lie inside and all weights are positive.
@@ -50,6 +50,20 @@ pub const DEGREE_6: [Node; 12] = {
     let c = orbit_6(0.3103524510337844, 0.05314504984481695, 0.08285107561837357);
     [a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2], c[3], c[4], c[5]]
 };
+
+/// Point on [-1, 1], and its weight.
+pub type LineNode = (f64, f64);
+
+/// Gauss rule exact to degree 3: squares of second derivatives of cubics, and their deflections.
+pub const GAUSS_2: [LineNode; 2] = [(-0.577_350_269_189_625_8, 1.0), (0.577_350_269_189_625_8, 1.0)];
+
+/// Gauss rule exact to degree 7: squares of cubics.
+pub const GAUSS_4: [LineNode; 4] = [
+    (-0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+    (-0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
+    (0.339_981_043_584_856_26, 0.652_145_154_862_546_2),
+    (0.861_136_311_594_052_6, 0.347_854_845_137_453_85),
+];
 
 /// Returns the permutations of `(1 - 2a, a, a)` with a common weight.
 const fn orbit_3(a: f64, weight: f64) -> [Node; 3] {

@@ -2,9 +2,10 @@
 //!
 //! Each effect named costs time; effects not named cost nothing.
 
-use super::{Compliance, FieldInput, InPlane, Initial, Load, Mass, Obstacle, Scene, Side};
+use super::{
+    Compliance, FieldInput, InPlane, Initial, Load, Mass, Massless, Obstacle, Scene, SchemeSpec, Side,
+};
 use crate::contact_law::StopLaw;
-use crate::scheme::{Massless, SchemeSpec};
 
 impl Scene {
     /// Returns the names of the effects beyond the plate's own elasticity and inertia.
@@ -90,7 +91,7 @@ impl Scene {
     }
 
     /// Returns whether a scheme with a mass follows all friction of the scene, if there is any.
-    pub fn rubs_with(&self, scheme: SchemeSpec, mass: Mass) -> bool {
+    pub fn is_friction_taken(&self, scheme: SchemeSpec, mass: Mass) -> bool {
         let is_held_back = match scheme {
             SchemeSpec::Midpoint { massless: Massless::Equilibrium } => mass == Mass::Singular,
             _ => scheme.restitution().is_some_and(|e| e > 0.0),
@@ -101,7 +102,7 @@ impl Scene {
 
     /// Returns the number of the first obstacle with friction, if any.
     pub fn frictional_obstacle(&self) -> Option<usize> {
-        self.obstacles.iter().position(|obstacle| obstacle.rubs().is_some())
+        self.obstacles.iter().position(|obstacle| obstacle.positive_friction().is_some())
     }
 
     /// Returns whether a ball touches the plate without a stiffness of its own.

@@ -42,8 +42,8 @@ table! {
 }
 
 impl Obstacle {
-    /// Returns the coefficient of friction; `None` for an obstacle without friction.
-    pub fn rubs(&self) -> Option<f64> {
+    /// Returns the coefficient of friction where it is not 0.
+    pub fn positive_friction(&self) -> Option<f64> {
         self.friction.filter(|coefficient| *coefficient > 0.0)
     }
 }

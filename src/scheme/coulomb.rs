@@ -18,7 +18,7 @@
 //! With given moments the step is a problem like any other, and its solver gives reactions and
 //! slips. The moments that go with them follow from a dense problem on the nodes that touch: the
 //! compliance of their slopes while the present contacts stay closed, and the reactions that their
-//! moments cause. The two problems take turns until the law holds for the solver's own answer. The
+//! moments cause. The two problems alternate until the law holds for the solver's own answer. The
 //! compliance comes from one solve for each node and slope, kept from step to step.
 //!
 //! # Energy
@@ -42,13 +42,13 @@ use faer::{Mat, Side};
 use std::collections::{HashMap, HashSet};
 use std::fmt;
 
-/// Largest number of turns of the two problems in a step.
+/// Largest number of rounds in a step: its own problem, then the moments.
 const MOST_ROUNDS: u32 = 60;
-/// Number of turns after which moments move only half of the way.
+/// Number of rounds after which moments move only half of the way.
 const EAGER_ROUNDS: u32 = 20;
-/// Relative error of the law at which a step ends, and up to which one may end that no longer
-/// improves.
+/// Relative error of the law that ends the rounds of a step.
 const CLOSE: f64 = 1e-13;
+/// Relative error of the law that ends them once a round does not halve it.
 const ACCEPTED: f64 = 1e-11;
 /// Largest number of unknowns of the dense problem, reactions and two moments per node, and of the
 /// columns that are kept for it.
@@ -57,7 +57,8 @@ const MOST_UNKNOWNS: usize = 3000;
 /// hold it.
 const HELD: f64 = 1e-13;
 
-/// Function that returns the path (m) of the obstacle at a node and side between two instants (s).
+/// Path of an obstacle along x and y, in m, as a function of a node's number, its side (0 below, 1
+/// above) and two instants, in s.
 pub type PathOfObstacle = dyn Fn(usize, usize, [f64; 2]) -> Result<[f64; 2]>;
 
 /// Obstacles with friction, and the nodes of this rank that they face.
@@ -147,12 +148,9 @@ pub(super) struct CoulombFriction<'s> {
     /// Stiffness by which an error of the slip is measured, in N m, one entry per node.
     rho: Vec<f64>,
     compliance: ContactCompliances,
-    /// Work of the obstacles' motion, in J, and in the present increment.
-    work: [f64; 2],
-    /// Heat by obstacle, in J, and in the present increment.
-    heat: Vec<[f64; 2]>,
-    /// Heat by obstacle until one step before, in J.
-    heat_before: Vec<f64>,
+    /// Work of the obstacles' motion, then the heat of each obstacle, in J, each with its present
+    /// increment.
+    ledger: Vec<[f64; 2]>,
 }
 
 /// Inverse of the step matrix in the directions of the bounds and of the slopes: the columns of
@@ -195,17 +193,15 @@ impl<'s> CoulombFriction<'s> {
             weight: 1.0,
             rho: given.nodes.iter().map(rho).collect(),
             compliance: ContactCompliances::new(bounds, &given.nodes),
-            work: [0.0; 2],
-            heat: vec![[0.0; 2]; given.obstacles],
-            heat_before: vec![0.0; given.obstacles],
+            ledger: vec![[0.0; 2]; 1 + given.obstacles],
         })
     }
 
-    /// Follows the obstacles over a step between two instants (s). Collective.
+    /// Computes the paths of the obstacles between two instants (s), a step apart. Collective.
     ///
     /// # Errors
     /// Returns the errors of the obstacles' velocities.
-    pub fn follow(&mut self, comm: &impl Communicator, times: [f64; 2]) -> Result<()> {
+    pub fn set_paths(&mut self, comm: &impl Communicator, times: [f64; 2]) -> Result<()> {
         let Some(path) = &self.given.path else { return Ok(()) };
         let path = |(number, node): (usize, &FrictionalNode)| {
             let mut slopes = [[0.0; 2]; 2];
@@ -245,7 +241,7 @@ impl<'s> CoulombFriction<'s> {
     /// Takes sides, radii and slips out of an answer (x in m, reactions in N). Returns the error of
     /// the moments, relative to the radii or, if that is smaller, of the slip relative to the
     /// slopes. Collective.
-    pub fn measure(&mut self, comm: &impl Communicator, [x, reaction]: [&[f64]; 2]) -> f64 {
+    pub fn read_answer(&mut self, comm: &impl Communicator, [x, reaction]: [&[f64]; 2]) -> f64 {
         let [mut largest_moment, mut largest_slope] = [0.0_f64; 2];
         let nodes = self.given.nodes.iter().zip(&mut self.states);
         for ((node, state), constant) in nodes.zip(&self.constant) {
@@ -277,18 +273,18 @@ impl<'s> CoulombFriction<'s> {
         comm.all_reduce_max(largest(self.states.iter().zip(&self.rho).map(error)))
     }
 
-    /// Returns whether another turn is due after `round` turns, given the errors of the last two.
-    pub fn goes_on(round: u32, [before, now]: [f64; 2]) -> bool {
+    /// Returns whether another round is due after `round` rounds, given the errors of the last two.
+    pub fn needs_another(round: u32, [before, now]: [f64; 2]) -> bool {
         let is_done = now <= CLOSE || now <= ACCEPTED && now > 0.5 * before || !now.is_finite();
         !is_done && round < MOST_ROUNDS
     }
 
-    /// Sets the moments to those of the law, while the contacts of an answer stay closed, after
-    /// `round` turns. Returns the number of iterations. Collective.
+    /// Solves the law for the moments, while the contacts of an answer stay closed, after `round`
+    /// rounds. Returns the number of iterations. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Usage`] where too many nodes touch, and the errors of the engine.
-    pub fn improve<E: Engine>(
+    pub fn solve_moments<E: Engine>(
         &mut self,
         engine: &E,
         matrix: &LinearCombination,
@@ -401,7 +397,7 @@ impl<'s> CoulombFriction<'s> {
         displacement: impl Fn(usize) -> f64,
         path: impl Fn(usize) -> [f64; 2],
     ) -> Vec<f64> {
-        let mut sums = vec![0.0; 1 + self.heat.len()];
+        let mut sums = vec![0.0; self.ledger.len()];
         for (number, (node, state)) in self.given.nodes.iter().zip(&self.states).enumerate() {
             let Some(FrictionalSide { obstacle, .. }) = state.side.and_then(|side| node.sides[side]) else {
                 continue;
@@ -415,20 +411,16 @@ impl<'s> CoulombFriction<'s> {
         engine.comm().all_reduce_sum_slice(&sums)
     }
 
-    /// Adds work and heat of a step with a constant moment, given the displacement over it by dof,
-    /// in m. Collective.
-    pub fn spend<E: Engine>(&mut self, engine: &E, displacement: impl Fn(usize) -> f64) {
+    /// Adds work and heat of a step with constant moments to the ledger, given the displacement
+    /// over it by dof, in m. Collective.
+    pub fn add_step<E: Engine>(&mut self, engine: &E, displacement: impl Fn(usize) -> f64) {
         let sums = self.exchange(engine, displacement, |node| self.path(node));
-        self.work[0] += sums[0];
-        for ((heat, before), more) in self.heat.iter_mut().zip(&mut self.heat_before).zip(&sums[1..]) {
-            *before = heat[0];
-            heat[0] += more;
-        }
+        self.ledger.iter_mut().zip(sums).for_each(|(total, sum)| total[0] += sum);
     }
 
-    /// Adds work and heat from instant n - 1 to n of moments that are those of instants, given the
+    /// Adds the mean of work and heat at the instants n - 1 and n to the ledger, given the
     /// displacement from n - 1 to n + 1 by dof, in m. Collective.
-    pub fn account<E: Engine>(&mut self, n: u64, engine: &E, displacement: impl Fn(usize) -> f64) {
+    pub fn add_instant<E: Engine>(&mut self, n: u64, engine: &E, displacement: impl Fn(usize) -> f64) {
         let path = |node: usize| {
             let side = self.states[node].side.unwrap_or(0);
             // Before the start the obstacles moved as in the first step.
@@ -436,28 +428,23 @@ impl<'s> CoulombFriction<'s> {
             [0, 1].map(|k| before[node][side][k] + self.paths[node][side][k])
         };
         let sums = self.exchange(engine, displacement, path);
-        let add = |total: &mut [f64; 2], twice: f64| {
-            let increment = 0.5 * twice;
+        for (total, sum) in self.ledger.iter_mut().zip(sums) {
+            let increment = 0.5 * sum;
             if n > 0 {
                 total[0] += 0.5 * (total[1] + increment);
             }
             total[1] = increment;
-        };
-        add(&mut self.work, sums[0]);
-        for ((heat, before), more) in self.heat.iter_mut().zip(&mut self.heat_before).zip(&sums[1..]) {
-            *before = heat[0];
-            add(heat, *more);
         }
     }
 
     /// Returns the work of the obstacles' motion, in J, and its present increment.
     pub fn work(&self) -> [f64; 2] {
-        self.work
+        self.ledger[0]
     }
 
     /// Returns the heat of each obstacle, in J.
     pub fn heat(&self) -> Vec<f64> {
-        self.heat.iter().map(|heat| heat[0]).collect()
+        self.ledger[1..].iter().map(|[heat, _]| *heat).collect()
     }
 
     /// Returns the friction at the nodes that touched in the last step.
@@ -503,20 +490,16 @@ impl<'s> CoulombFriction<'s> {
         for (node, state) in self.given.nodes.iter().zip(&mut self.states) {
             *state = states[node.bound];
         }
-        for paths in [&mut self.paths, &mut self.paths_before] {
-            let mut at_bounds = vec![[[0.0; 2]; 2]; bounds];
-            self.given.nodes.iter().zip(&*paths).for_each(|(node, path)| at_bounds[node.bound] = *path);
-            archive.items(
-                VectorKind::Bounds,
-                &mut at_bounds,
-                |&[[a, b], [c, d]]| [a, b, c, d],
-                |[a, b, c, d]| [[a, b], [c, d]],
-            )?;
-            self.given.nodes.iter().zip(paths).for_each(|(node, path)| *path = at_bounds[node.bound]);
-        }
-        archive.value(&mut self.work)?;
-        archive.value(&mut self.heat)?;
-        archive.value(&mut self.heat_before)
+        let mut paths = vec![[[0.0; 2]; 2]; bounds];
+        self.given.nodes.iter().zip(&self.paths).for_each(|(node, path)| paths[node.bound] = *path);
+        archive.items(
+            VectorKind::Bounds,
+            &mut paths,
+            |&[[a, b], [c, d]]| [a, b, c, d],
+            |[a, b, c, d]| [[a, b], [c, d]],
+        )?;
+        self.given.nodes.iter().zip(&mut self.paths).for_each(|(node, path)| *path = paths[node.bound]);
+        archive.value(&mut self.ledger)
     }
 }
 
@@ -546,8 +529,7 @@ impl ContactCompliances {
         [0, 1].map(|axis| self.bounds + 2 * node + axis)
     }
 
-    /// Returns rank and number of the directions of all ranks, given those of this rank.
-    /// Collective.
+    /// Gathers directions of all ranks, each with its rank before it. Collective.
     fn everywhere(comm: &impl Communicator, local: &[usize]) -> Vec<[usize; 2]> {
         comm.all_gather(&local.iter().map(|&direction| [comm.rank(), direction]).collect::<Vec<_>>())
     }
@@ -590,8 +572,8 @@ impl ContactCompliances {
         Ok(())
     }
 
-    /// Returns the block of the rows of all ranks, given those of this rank, and of some columns.
-    /// Collective.
+    /// Returns a block of the compliance over some columns; `rows` are this rank's share of its
+    /// rows. Collective.
     fn block(&self, comm: &impl Communicator, rows: &[usize], columns: &[[usize; 2]]) -> Mat<f64> {
         let kept: Vec<&Vec<f64>> = columns.iter().map(|column| &self.columns[column]).collect();
         let part: Vec<f64> =

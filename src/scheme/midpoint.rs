@@ -143,7 +143,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
             let middle = time + 0.5 * self.dt;
             self.followed.as_mut().map_or(Ok(()), |followed| followed.take(middle, &self.ahead))?;
         }
-        self.driver.follow_obstacles([time, time + self.dt])?;
+        self.driver.set_obstacle_paths([time, time + self.dt])?;
         let MidpointRule { v, dt, instants, stretching, followed, .. } = self;
         let (stretching, followed) = (stretching.as_ref(), followed.as_ref());
         self.driver.solve(&mut Equation6 { from, v, dt: *dt, system, instants, stretching, followed })?;
@@ -154,7 +154,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         }
         let StepDriver { friction, x, .. } = &mut self.driver;
         if let Some(friction) = friction {
-            friction.spend(engine, |dof| 2.0 * x[dof]);
+            friction.add_step(engine, |dof| 2.0 * x[dof]);
         }
         if let Some(followed) = &mut self.followed {
             followed.increment = 2.0 * followed.along(&self.driver.x)?;

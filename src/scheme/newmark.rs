@@ -275,9 +275,9 @@ impl<E: Engine> Levels<'_, E> {
     }
 
     /// Adds work and heat of the friction of obstacles up to instant n, given its step. Collective.
-    fn rub(&self, n: u64, driver: &mut StepDriver<E>) {
+    fn add_friction(&self, n: u64, driver: &mut StepDriver<E>) {
         let StepDriver { friction: Some(friction), x, .. } = driver else { return };
-        friction.account(n, &self.system.engine, |dof| self.d_n[dof] + (self.d_n[dof] + x[dof]));
+        friction.add_instant(n, &self.system.engine, |dof| self.d_n[dof] + (self.d_n[dof] + x[dof]));
     }
 
     /// Adds the work of the time-dependent data up to instant n, given the unknown of its step.

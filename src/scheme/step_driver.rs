@@ -10,7 +10,7 @@
 //! checks the answer, and keeps what the next step starts from. The residuals of past steps may
 //! enter the right-hand side, see [`super::feedback`].
 
-use super::coulomb::CoulombFriction;
+use super::coulomb::{CoulombFriction, NodalFriction};
 use super::drive::ModalDamping;
 use super::feedback::Feedback;
 use super::quadratisation::{RankOne, RootSearch};
@@ -172,13 +172,30 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         Ok(())
     }
 
-    /// Follows obstacles with friction over a step between two instants (s). Collective.
+    /// Computes the paths of obstacles with friction between two instants (s), a step apart.
+    /// Collective.
     ///
     /// # Errors
     /// Returns the errors of the obstacles' velocities.
-    pub fn follow_obstacles(&mut self, times: [f64; 2]) -> Result<()> {
+    pub fn set_obstacle_paths(&mut self, times: [f64; 2]) -> Result<()> {
         let comm = self.system.engine.comm();
-        self.friction.as_mut().map_or(Ok(()), |friction| friction.follow(comm, times))
+        self.friction.as_mut().map_or(Ok(()), |friction| friction.set_paths(comm, times))
+    }
+
+    /// Returns the work that obstacles with friction do by their motion, in J, and its present
+    /// increment.
+    pub fn friction_work(&self) -> [f64; 2] {
+        self.friction.as_ref().map_or([0.0; 2], CoulombFriction::work)
+    }
+
+    /// Returns the energy that the friction of each obstacle has dissipated, in J.
+    pub fn friction_heat(&self) -> Vec<f64> {
+        self.friction.as_ref().map_or(Vec::new(), CoulombFriction::heat)
+    }
+
+    /// Returns the friction at this rank's nodes that touched in the last step.
+    pub fn friction_at_nodes(&self) -> Vec<NodalFriction> {
+        self.friction.as_ref().map_or(Vec::new(), CoulombFriction::at_nodes)
     }
 
     /// Moves the anchors of the sliders by the answer to a step.
@@ -265,7 +282,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         solved
     }
 
-    /// Takes turns between the step with given moments of friction and their law.
+    /// Alternates between the step with given moments of friction and their law.
     fn solve_with_friction(&mut self, friction: &mut CoulombFriction, length: f64) -> Result<()> {
         let System { engine, .. } = self.system;
         let base = self.b.clone();
@@ -277,14 +294,14 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             if let Err(error) = self.solve_with_moments(length) {
                 break Err(error);
             }
-            let error = friction.measure(engine.comm(), [&self.x, &self.reaction]);
+            let error = friction.read_answer(engine.comm(), [&self.x, &self.reaction]);
             report =
                 StepReport { kkt: largest([self.report.kkt, error].into_iter()), ..report.and(self.report) };
-            if !CoulombFriction::goes_on(round, [last, error]) {
+            if !CoulombFriction::needs_another(round, [last, error]) {
                 break Ok(());
             }
             let answer = [&*self.x, &*self.reaction];
-            match friction.improve(engine, &self.matrix, &self.bounds, answer, round) {
+            match friction.solve_moments(engine, &self.matrix, &self.bounds, answer, round) {
                 Ok(iterations) => report.iterations += iterations,
                 Err(error) => break Err(error),
             }

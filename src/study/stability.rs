@@ -165,7 +165,7 @@ pub fn variants(scene: &Scene, engine: EngineName, vi: ContactSolver) -> Vec<(Sc
         let yields = scene.yielding_stop().is_some();
         let serves = |method: &Method| {
             let takes_stops = !yields || method.scheme.capabilities().takes_laws;
-            takes_stops && scene.rubs_with(method.scheme, method.mass)
+            takes_stops && scene.is_friction_taken(method.scheme, method.mass)
         };
         for method in methods(engine, vi).into_iter().filter(serves) {
             let is_dense = method.scheme == SchemeSpec::Exact && method.mass != Mass::Modal;

@@ -20,17 +20,17 @@
 //!
 //! The law is the equation `$m = P_R(m - \rho s)$` with the projection P on the discs, whatever the
 //! positive numbers `$\rho$` (Alart and Curnier 1991). Newton's method solves it; where an iteration
-//! does not reduce the error, nodes are solved for one by one in turns, each exactly (nonlinear
+//! does not reduce the error, sweeps over the nodes follow, which solve for each exactly (nonlinear
 //! Gauss-Seidel; Jean 1999).
 
 use crate::linalg::vectors::largest;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-/// Largest number of Newton iterations, each with turns over the nodes where it does not help.
+/// Largest number of Newton iterations, each with sweeps over the nodes where it does not help.
 const MOST_ITERATIONS: usize = 100;
-/// Number of turns over the nodes in place of an iteration of Newton's method.
-const TURNS: usize = 20;
+/// Number of sweeps over the nodes in place of an iteration of Newton's method.
+const SWEEPS: usize = 20;
 /// Relative error that counts as rounding.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 /// Relative error up to which moments that no longer improve count as solved.
@@ -130,14 +130,14 @@ impl CoulombProblem {
                 continue;
             }
             let begin = if next.error < best.error { next.moments } else { best.moments.clone() };
-            let turned = self.trial(&present, self.turn(&present, begin));
-            // The turns lead on even where the error rises on the way.
-            let improves = turned.error < best.error;
+            let swept = self.trial(&present, self.sweep(&present, begin));
+            // The sweeps lead on even where the error rises on the way.
+            let improves = swept.error < best.error;
             let is_idle = !improves && best.error < ACCEPTED;
-            if is_idle || turned.error.is_nan() {
+            if is_idle || swept.error.is_nan() {
                 break;
             }
-            best = turned;
+            best = swept;
         }
         moments.copy_from_slice(&best.moments);
         iterations
@@ -182,10 +182,10 @@ impl CoulombProblem {
         from.moments.iter().enumerate().map(moved).collect()
     }
 
-    /// Returns the moments after turns over the nodes, each of which is solved for exactly.
-    fn turn(&self, present: &[[f64; 2]], moments: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+    /// Returns the moments after sweeps over the nodes, each of which is solved for exactly.
+    fn sweep(&self, present: &[[f64; 2]], moments: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
         let MomentTrial { mut moments, mut slips, mut radii, .. } = self.trial(present, moments);
-        for _ in 0..TURNS {
+        for _ in 0..SWEEPS {
             for i in 0..self.nodes() {
                 let ([xx, xy, yy], m) = (self.block(i), moments[i]);
                 let others = [slips[i][0] - xx * m[0] - xy * m[1], slips[i][1] - xy * m[0] - yy * m[1]];

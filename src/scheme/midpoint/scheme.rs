@@ -20,7 +20,6 @@ use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
-use crate::scheme::coulomb::CoulombFriction;
 use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::sliding::Sliding;
 use crate::scheme::state::{State, SupportVelocities};
@@ -190,16 +189,16 @@ impl<E: Engine> Solution for Midpoint<'_, E> {
         let stored = self.rule.driver.sliding.as_ref().map(Sliding::stored);
         let stored = stored.map_or(Ok(0.0), |stored| self.system.total(stored))?;
         let followed = self.rule.followed.as_ref().map_or(0.0, |followed| followed.work);
-        let rubbed = self.rule.driver.friction.as_ref().map_or(0.0, |friction| friction.work()[0]);
+        let [by_friction, _] = self.rule.driver.friction_work();
         Ok(Energies {
-            work: energies.work + self.work + followed + rubbed,
+            work: energies.work + self.work + followed + by_friction,
             elastic: energies.elastic + stored,
             ..energies
         })
     }
 
     fn friction_at_nodes(&self) -> Vec<NodalFriction> {
-        self.rule.driver.friction.as_ref().map_or(Vec::new(), CoulombFriction::at_nodes)
+        self.rule.driver.friction_at_nodes()
     }
 
     fn approach(&self, bound: usize) -> Approach {
@@ -254,7 +253,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     }
 
     fn dissipated_by_obstacles(&self) -> Vec<f64> {
-        self.rule.driver.friction.as_ref().map_or(Vec::new(), CoulombFriction::heat)
+        self.rule.driver.friction_heat()
     }
 
     /// Keeps the balance at the start: that of [`Massless::Equilibrium`] at `$U^0$`, or of the

@@ -9,7 +9,6 @@ use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::obstacle::Bounds;
-use crate::scheme::coulomb::CoulombFriction;
 use crate::scheme::following_load::FollowedLoad;
 use crate::scheme::quadratisation::Quadratisation;
 use crate::scheme::step_driver::{Formulas, StepDriver};
@@ -63,7 +62,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         let stored = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
         let at_start = if system.bounds.laws.are_rigid() { 0.0 } else { system.total(stored)? };
         driver.begin_friction(&levels.u_n, 1.0)?;
-        driver.follow_obstacles([0.0, parameters.step])?;
+        driver.set_obstacle_paths([0.0, parameters.step])?;
         driver.feed_residuals_forward(levels.energy_at_start(&start.velocity)?);
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };
         driver.solve(&mut first)?;
@@ -77,7 +76,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         levels.store(&record.admissible, driver.sliding.as_ref())?;
         levels.stored[0] = at_start;
         levels.account(0, &driver.x, &driver.reaction)?;
-        levels.rub(0, &mut driver);
+        levels.add_friction(0, &mut driver);
         let velocities = vec![0.0; system.engine.velocities(&system.mass)];
         let work = RefCell::new([vec![0.0; dofs], velocities]);
         Ok(Newmark { driver, levels, record, work })
@@ -118,13 +117,11 @@ impl<'s, E: Engine> Newmark<'s, E> {
             + 2.0 * force.elastic_energy(system, u_n, &mut product)?
             + 2.0 * stretching.as_ref().map_or(0.0, |stretching| stretching.root.powi(2));
         let work = system.work(u_n)? + system.work(&next)?;
+        let [by_friction, next_by_friction] = self.driver.friction_work();
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work + 0.5 * instants.increment)
             + followed.as_ref().map_or(0.0, |followed| followed.work + 0.5 * followed.increment)
-            + self
-                .driver
-                .friction
-                .as_ref()
-                .map_or(0.0, |friction| friction.work()[0] + 0.5 * friction.work()[1]);
+            + by_friction
+            + 0.5 * next_by_friction;
         let stored = 0.5 * (parameters.stored_now(self.levels.stored) + self.levels.stored[1]);
         Ok(0.5 * kinetic + 0.25 * elastic + stored - 0.5 * work - by_time)
     }
@@ -162,7 +159,7 @@ impl<E: Engine> Solution for Newmark<'_, E> {
         let kinetic = system.kinetic_energy(rate, v)?;
         let by_time = instants.as_ref().map_or(0.0, |instants| instants.work)
             + followed.as_ref().map_or(0.0, |followed| followed.work)
-            + self.driver.friction.as_ref().map_or(0.0, |friction| friction.work()[0]);
+            + self.driver.friction_work()[0];
         let work = system.work(u_n)? + by_time;
         let stretched = stretching.as_ref().map_or(0.0, |stretching| stretching.stored);
         Ok(Energies { kinetic, elastic: elastic + stretched + parameters.stored_now(*stored), work })
@@ -173,7 +170,7 @@ impl<E: Engine> Solution for Newmark<'_, E> {
     }
 
     fn friction_at_nodes(&self) -> Vec<NodalFriction> {
-        self.driver.friction.as_ref().map_or(Vec::new(), CoulombFriction::at_nodes)
+        self.driver.friction_at_nodes()
     }
 
     fn approach(&self, bound: usize) -> Approach {
@@ -191,7 +188,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.levels.shift(&self.driver.x, (self.record.step + 1) as f64 * self.record.dt)?;
         self.levels.force.elastic.into_iter().for_each(|energy| self.driver.note_energy(energy));
         let dt = self.record.dt;
-        self.driver.follow_obstacles([0, 1].map(|step| (self.record.step + step) as f64 * dt))?;
+        self.driver.set_obstacle_paths([0, 1].map(|step| (self.record.step + step) as f64 * dt))?;
         self.driver.solve(&mut self.levels)?;
         self.driver.report_to(&self.levels, &mut self.record);
         self.record.end_step(&self.driver.reaction);
@@ -199,7 +196,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.levels.stretch(&self.driver.x, [1.0, 2.0])?;
         self.levels.store(&self.record.admissible, self.driver.sliding.as_ref())?;
         self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)?;
-        self.levels.rub(self.record.step, &mut self.driver);
+        self.levels.add_friction(self.record.step, &mut self.driver);
         Ok(())
     }
 
@@ -209,7 +206,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     }
 
     fn dissipated_by_obstacles(&self) -> Vec<f64> {
-        self.driver.friction.as_ref().map_or(Vec::new(), CoulombFriction::heat)
+        self.driver.friction_heat()
     }
 
     /// Returns the balance of the equation of the step from `$U^n$`, which is that of the instant

@@ -4,6 +4,7 @@ use super::ground::BuildContext;
 use super::heights::opposites;
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
+use crate::element::quadrature::GAUSS_4;
 use crate::error::{Error, Result};
 use crate::mesh::Point;
 use crate::partition::Partition;
@@ -104,7 +105,7 @@ fn nodes<P: Partition>(
             facing.entry(bound).or_default()[usize::from(faced.side == Side::Above)].push(number);
         }
     }
-    let coefficient = |obstacle: usize| scene.obstacles[obstacle].rubs();
+    let coefficient = |obstacle: usize| scene.obstacles[obstacle].positive_friction();
     let (mut nodes, mut points) = (Vec::new(), Vec::new());
     for (bound, sides) in facing {
         if !sides.iter().flatten().any(|obstacle| coefficient(*obstacle).is_some()) {
@@ -136,10 +137,6 @@ fn nodes<P: Partition>(
     Ok((nodes, points))
 }
 
-/// Places and weights of Gauss's quadrature of a velocity over a step.
-const RULE: [(f64, f64); 3] =
-    [(0.112_701_665_379_258_3, 5.0 / 18.0), (0.5, 8.0 / 18.0), (0.887_298_334_620_741_7, 5.0 / 18.0)];
-
 /// Returns the paths of the obstacles at some nodes; `None` where all stand still.
 fn path_of_obstacles<P: Partition>(
     ground: &BuildContext<P>,
@@ -160,10 +157,11 @@ fn path_of_obstacles<P: Partition>(
                 Some(constant) => (to - from) * constant,
                 None => {
                     let mut sum = 0.0;
-                    for (place, weight) in RULE {
-                        sum += weight * component.at(points[node], from + place * (to - from))?;
+                    for (place, weight) in GAUSS_4 {
+                        let t = 0.5 * ((from + to) + place * (to - from));
+                        sum += weight * component.at(points[node], t)?;
                     }
-                    (to - from) * sum
+                    0.5 * (to - from) * sum
                 }
             };
         }

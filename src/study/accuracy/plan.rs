@@ -284,7 +284,7 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Absent>) -> Vec<Metho
                     let restitutions = if bounces { &study.restitutions[..] } else { &[0.0] };
                     for scheme in restitutions.iter().map(|&restitution| with(restitution)) {
                         let with = |modes| Method { scheme, mass, modes, engine, vi };
-                        if !scene.rubs_with(scheme, mass) {
+                        if !scene.is_friction_taken(scheme, mass) {
                             leave_out(dropped, with(None).to_string(), "it takes no friction");
                             continue;
                         }

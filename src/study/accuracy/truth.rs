@@ -147,7 +147,7 @@ impl ReferenceSolution {
         };
         let cells = mesh_and_space(base, grid)?.0.cells.len();
         let (mut first, last) = family.methods(cells);
-        first.retain(|method| base.rubs_with(method.scheme, method.mass));
+        first.retain(|method| base.is_friction_taken(method.scheme, method.mass));
         let mut refused = match family {
             Family::Singular if cells > EXACT_CELLS => {
                 vec![format!("exact: more than {EXACT_CELLS} cells")]
