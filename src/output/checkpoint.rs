@@ -18,7 +18,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-const KIND: FileKind = FileKind { name: "checkpoint", format: 16, verb: "goes on from" };
+const KIND: FileKind = FileKind { name: "checkpoint", format: 17, verb: "goes on from" };
 
 /// Name of the file with the last state of a finished run.
 pub const STATE: &str = "end.state";

@@ -256,29 +256,34 @@ fn check_accelerations(doc: &Document, scene: &Scene) -> Result<()> {
     })
 }
 
+/// Refuses what sliders exclude.
+fn check_sliders(doc: &Document, scene: &Scene) -> Result<()> {
+    let wrong = match scene.time.scheme {
+        scheme if !scheme.capabilities().takes_sliders => Some((
+            "time.scheme",
+            format!(
+                "\"{}\" keeps the energy, which a [[slider]] dissipates; expected \"newmark\" or \"midpoint\"",
+                scheme.name()
+            ),
+        )),
+        SchemeSpec::Midpoint { massless: Massless::Equilibrium } if scene.time.mass == Mass::Singular => {
+            let others = "expected \"reflected\", or time.scheme = \"newmark\"";
+            Some(("time.massless", format!("\"equilibrium\" takes no [[slider]]; {others}")))
+        }
+        _ => None,
+    };
+    wrong.map_or(Ok(()), |(key, wrong)| Err(doc.fault(key, wrong)))?;
+    check_friction(doc, scene, ["a ", "[[slider]]", "whose anchor is the ground"])
+}
+
 /// Refuses what dry friction excludes, by a slider or by an obstacle: its table or key, with an
 /// article before it, and what it needs supports at rest for.
 fn check_friction(doc: &Document, scene: &Scene, [article, subject, ground]: [&str; 3]) -> Result<()> {
-    let name = scene.time.scheme.name();
     let wrong = match scene.time.scheme {
-        scheme if !scheme.capabilities().takes_friction => Some((
-            "time.scheme",
-            format!(
-                "\"{name}\" keeps the energy, which {article}{subject} dissipates; expected \"newmark\" or \"midpoint\""
-            ),
-        )),
         scheme if scheme.restitution().is_some_and(|e| e > 0.0) => Some((
             "time.restitution",
             format!("makes the node of {article}{subject} rebound where it should stick; expected 0"),
         )),
-        SchemeSpec::Midpoint { massless: Massless::Equilibrium } if scene.time.mass == Mass::Singular => {
-            Some((
-                "time.massless",
-                format!(
-                    "\"equilibrium\" takes no {subject}; expected \"reflected\", or time.scheme = \"newmark\""
-                ),
-            ))
-        }
         _ if scene.time.mass == Mass::Modal => Some((
             "time.mass",
             format!("\"modal\" takes no {subject}; expected \"singular\" or \"consistent\""),
@@ -307,6 +312,11 @@ fn check_friction_of_obstacles(doc: &Document, scene: &Scene) -> Result<()> {
         let wrong = "contradicts in_plane.stretching: the forces of friction in the plane would strain it, and the pair is \
                      not built; expected one of the two";
         return Err(doc.fault(&key, wrong.to_owned()));
+    }
+    if !scene.time.scheme.capabilities().takes_friction {
+        let name = scene.time.scheme.name();
+        let others = "expected \"newmark\", \"midpoint\" or \"conserving\"";
+        return Err(doc.fault("time.scheme", format!("\"{name}\" takes no {key}; {others}")));
     }
     check_friction(doc, scene, ["", &key, "whose slip is relative to a plate on the ground"])
 }
@@ -380,7 +390,7 @@ fn check_scheme(doc: &Document, scene: &Scene) -> Result<()> {
         return Err(doc.fault(&key, wrong));
     }
     if !scene.sliders.is_empty() {
-        check_friction(doc, scene, ["a ", "[[slider]]", "whose anchor is the ground"])?;
+        check_sliders(doc, scene)?;
     }
     check_friction_of_obstacles(doc, scene)?;
     check_in_plane(doc, scene)?;

@@ -92,12 +92,13 @@ impl Scene {
 
     /// Returns whether a scheme with a mass follows all friction of the scene, if there is any.
     pub fn is_friction_taken(&self, scheme: SchemeSpec, mass: Mass) -> bool {
-        let is_held_back = match scheme {
-            SchemeSpec::Midpoint { massless: Massless::Equilibrium } => mass == Mass::Singular,
-            _ => scheme.restitution().is_some_and(|e| e > 0.0),
-        };
-        let takes_friction = scheme.capabilities().takes_friction && mass != Mass::Modal && !is_held_back;
-        takes_friction || !self.has_friction()
+        let able = scheme.capabilities();
+        let rests = scheme == SchemeSpec::Midpoint { massless: Massless::Equilibrium };
+        let takes_sliders = able.takes_sliders && !(rests && mass == Mass::Singular);
+        let is_taken = (takes_sliders || self.sliders.is_empty())
+            && (able.takes_friction || self.frictional_obstacle().is_none());
+        let rebounds = scheme.restitution().is_some_and(|e| e > 0.0);
+        is_taken && mass != Mass::Modal && !rebounds || !self.has_friction()
     }
 
     /// Returns the number of the first obstacle with friction, if any.

@@ -11,7 +11,8 @@
 //! ```
 //!
 //! For Newmark with e = 0 that is the slip to the bounded configuration `$U^{n+1}$`; for the
-//! midpoint rule the slip to `$U^{n+1/2}$` is half of it.
+//! midpoint rule the slip to `$U^{n+1/2}$` is half of it. A massless rest in equilibrium obeys the
+//! law once more at the end of a step, for the slip from its start, see [`super::Potential`].
 //!
 //! # Solution of a step
 //!
@@ -25,9 +26,10 @@
 //!
 //! The moments do the work `$m \cdot (s + b/a)$` in a step: the obstacle's motion puts in
 //! `$m \cdot b/a$`, and `$-m \cdot s$` becomes heat. For the midpoint rule both are exact, and the heat
-//! is never negative. Newmark's scheme has the moment of an instant work along
-//! `$\tfrac12 (U^{n+1} - U^{n-1})$`, and the heat of a step is the mean of two instants: it balances
-//! the energy to rounding, too, but may be negative by a little where a node turns round.
+//! is never negative while the slopes go straight on. Newmark's scheme has the moment of an instant
+//! work along `$\tfrac12 (U^{n+1} - U^{n-1})$`, and the heat of a step is the mean of two instants:
+//! it balances the energy to rounding, too, but may be negative by a little where a node turns
+//! round.
 
 use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
@@ -119,6 +121,91 @@ pub struct NodalFriction {
     pub sticks: bool,
 }
 
+/// Rounds of one step: its own problem, then the moments.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rounds {
+    /// Number of rounds.
+    round: u32,
+    /// Iterations of the law.
+    pub iterations: u32,
+    /// Error of the law for the last answer, relative to the step, and to all slopes.
+    last: f64,
+    pub error: f64,
+}
+
+impl Default for Rounds {
+    fn default() -> Rounds {
+        Rounds { round: 0, iterations: 0, last: f64::INFINITY, error: f64::INFINITY }
+    }
+}
+
+/// Friction at nodes over the last interval of a grid, of steps of any length: mean moments, and
+/// the slip through all of it.
+#[derive(Debug, Default)]
+pub(super) struct FrictionOfInterval {
+    /// Friction by bound; empty without friction.
+    nodes: Vec<Option<NodalFriction>>,
+}
+
+impl FrictionOfInterval {
+    /// Starts with nothing, for so many bounds.
+    pub fn new(bounds: usize) -> FrictionOfInterval {
+        FrictionOfInterval { nodes: vec![None; bounds] }
+    }
+
+    /// Begins an interval.
+    pub fn clear(&mut self) {
+        self.nodes.fill(None);
+    }
+
+    /// Adds a time in a step with the friction of that step, given the parts of the interval and of
+    /// the step that it takes up.
+    pub fn add(&mut self, step: Vec<NodalFriction>, [of_interval, of_step]: [f64; 2]) {
+        for NodalFriction { bound, moment, slip, sticks } in step {
+            let fresh = NodalFriction { bound, sticks: true, ..NodalFriction::default() };
+            let sum = self.nodes[bound].get_or_insert(fresh);
+            for k in 0..2 {
+                sum.moment[k] += of_interval * moment[k];
+                sum.slip[k] += of_step * slip[k];
+            }
+            sum.sticks &= sticks;
+        }
+    }
+
+    /// Returns the friction at the nodes that touched.
+    pub fn at_nodes(&self) -> Vec<NodalFriction> {
+        self.nodes.iter().flatten().copied().collect()
+    }
+
+    /// Saves or restores it.
+    ///
+    /// # Errors
+    /// Returns [`Error::Checkpoint`] where the archive does not fit.
+    pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
+        if self.nodes.is_empty() {
+            return Ok(());
+        }
+        archive.items(
+            VectorKind::Bounds,
+            &mut self.nodes,
+            |node| match node {
+                None => [0.0, 0.0, 0.0, 0.0, -1.0],
+                Some(NodalFriction { moment: [x, y], slip: [u, v], sticks, .. }) => {
+                    [*x, *y, *u, *v, f64::from(u8::from(*sticks))]
+                }
+            },
+            |[x, y, u, v, sticks]| {
+                let node = NodalFriction { bound: 0, moment: [x, y], slip: [u, v], sticks: sticks > 0.0 };
+                (sticks >= 0.0).then_some(node)
+            },
+        )?;
+        for (bound, node) in self.nodes.iter_mut().enumerate() {
+            node.iter_mut().for_each(|node| node.bound = bound);
+        }
+        Ok(())
+    }
+}
+
 /// State of a node in the last step.
 #[derive(Debug, Clone, Copy, Default)]
 struct NodeState {
@@ -145,6 +232,8 @@ pub(super) struct CoulombFriction<'s> {
     /// Slip that does not depend on x, below and above, and the weight of x in the slip.
     constant: Vec<[[f64; 2]; 2]>,
     weight: f64,
+    /// Largest slope of u, from which the step starts.
+    steepest: f64,
     /// Stiffness by which an error of the slip is measured, in N m, one entry per node.
     rho: Vec<f64>,
     compliance: ContactCompliances,
@@ -191,6 +280,7 @@ impl<'s> CoulombFriction<'s> {
             paths_before: vec![[[0.0; 2]; 2]; count],
             constant: vec![[[0.0; 2]; 2]; count],
             weight: 1.0,
+            steepest: 0.0,
             rho: given.nodes.iter().map(rho).collect(),
             compliance: ContactCompliances::new(bounds, &given.nodes),
             ledger: vec![[0.0; 2]; 1 + given.obstacles],
@@ -217,10 +307,12 @@ impl<'s> CoulombFriction<'s> {
         Ok(())
     }
 
-    /// Begins the solution of a step whose bounded configuration is `u + c x` and a constant part,
-    /// given c and that part by dof, in m.
-    pub fn begin_step(&mut self, c: f64, constant: impl Fn(usize) -> f64) {
+    /// Begins the solution of a step whose bounded configuration is u, c x and a constant part,
+    /// given c, and that part and u by dof, in m.
+    pub fn begin_step(&mut self, c: f64, constant: impl Fn(usize) -> f64, u: impl Fn(usize) -> f64) {
         self.weight = c;
+        let slopes = self.given.nodes.iter().flat_map(|node| node.slopes).flatten();
+        self.steepest = slopes.map(|(dof, factor)| (factor * u(dof)).abs()).fold(0.0, f64::max);
         for ((node, sides), paths) in self.given.nodes.iter().zip(&mut self.constant).zip(&self.paths) {
             let slope = node.slopes.map(|slope| slope.map_or(0.0, |(dof, factor)| factor * constant(dof)));
             for (slip, path) in sides.iter_mut().zip(paths) {
@@ -240,8 +332,9 @@ impl<'s> CoulombFriction<'s> {
 
     /// Takes sides, radii and slips out of an answer (x in m, reactions in N). Returns the error of
     /// the moments, relative to the radii or, if that is smaller, of the slip relative to the
-    /// slopes. Collective.
-    pub fn read_answer(&mut self, comm: &impl Communicator, [x, reaction]: [&[f64]; 2]) -> f64 {
+    /// slopes of the step; then the same relative to all slopes, which rounding is a part of.
+    /// Collective.
+    fn read_answer(&mut self, comm: &impl Communicator, [x, reaction]: [&[f64]; 2]) -> [f64; 2] {
         let [mut largest_moment, mut largest_slope] = [0.0_f64; 2];
         let nodes = self.given.nodes.iter().zip(&mut self.states);
         for ((node, state), constant) in nodes.zip(&self.constant) {
@@ -258,25 +351,50 @@ impl<'s> CoulombFriction<'s> {
                     largest_slope.max(constant[side][k].abs()).max((self.weight * slope(k)).abs());
             }
         }
-        let [largest_moment, largest_slope] = comm.all_reduce_max_each([largest_moment, largest_slope]);
+        let [largest_moment, largest_slope, steepest] =
+            comm.all_reduce_max_each([largest_moment, largest_slope, self.steepest]);
         if largest_moment == 0.0 {
-            return 0.0;
+            return [0.0; 2];
         }
-        let error = |(state, rho): (&NodeState, &f64)| {
-            let rho = rho / self.weight;
-            if rho == 0.0 {
-                return (state.moment[0].hypot(state.moment[1]) - state.radius).max(0.0) / largest_moment;
-            }
-            let error = law_error(state.moment, state.slip, state.radius, rho);
-            (error / largest_moment).min(error / (rho * largest_slope))
-        };
-        comm.all_reduce_max(largest(self.states.iter().zip(&self.rho).map(error)))
+        let errors = [largest_slope, largest_slope.max(steepest)].map(|slope| {
+            let error = |(state, rho): (&NodeState, &f64)| {
+                let rho = rho / self.weight;
+                if rho == 0.0 {
+                    let excess = state.moment[0].hypot(state.moment[1]) - state.radius;
+                    return excess.max(0.0) / largest_moment;
+                }
+                let error = law_error(state.moment, state.slip, state.radius, rho);
+                (error / largest_moment).min(error / (rho * slope))
+            };
+            largest(self.states.iter().zip(&self.rho).map(error))
+        });
+        comm.all_reduce_max_each(errors)
     }
 
-    /// Returns whether another round is due after `round` rounds, given the errors of the last two.
-    pub fn needs_another(round: u32, [before, now]: [f64; 2]) -> bool {
-        let is_done = now <= CLOSE || now <= ACCEPTED && now > 0.5 * before || !now.is_finite();
-        !is_done && round < MOST_ROUNDS
+    /// Takes an answer to the step with the present moments (x in m, reactions in N). Returns
+    /// whether the moments changed, so that it is to be solved again. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of [`CoulombFriction::solve_moments`].
+    pub fn improve<E: Engine>(
+        &mut self,
+        engine: &E,
+        matrix: &LinearCombination,
+        bounds: &Bounds,
+        answer: [&[f64]; 2],
+        rounds: &mut Rounds,
+    ) -> Result<bool> {
+        let [now, of_all] = self.read_answer(engine.comm(), answer);
+        let before = std::mem::replace(&mut rounds.last, now);
+        rounds.error = of_all;
+        let is_accepted = now > 0.5 * before && (now <= ACCEPTED || of_all <= CLOSE);
+        let is_done = now <= CLOSE || is_accepted || !now.is_finite();
+        if is_done || rounds.round >= MOST_ROUNDS {
+            return Ok(false);
+        }
+        rounds.iterations += self.solve_moments(engine, matrix, bounds, answer, rounds.round)?;
+        rounds.round += 1;
+        Ok(true)
     }
 
     /// Solves the law for the moments, while the contacts of an answer stay closed, after `round`
@@ -284,7 +402,7 @@ impl<'s> CoulombFriction<'s> {
     ///
     /// # Errors
     /// Returns [`Error::Usage`] where too many nodes touch, and the errors of the engine.
-    pub fn solve_moments<E: Engine>(
+    fn solve_moments<E: Engine>(
         &mut self,
         engine: &E,
         matrix: &LinearCombination,
@@ -411,11 +529,100 @@ impl<'s> CoulombFriction<'s> {
         engine.comm().all_reduce_sum_slice(&sums)
     }
 
-    /// Adds work and heat of a step with constant moments to the ledger, given the displacement
-    /// over it by dof, in m. Collective.
-    pub fn add_step<E: Engine>(&mut self, engine: &E, displacement: impl Fn(usize) -> f64) {
-        let sums = self.exchange(engine, displacement, |node| self.path(node));
-        self.ledger.iter_mut().zip(sums).for_each(|(total, sum)| total[0] += sum);
+    /// Adds work and heat of a part of a step with constant moments to the ledger, given the
+    /// displacement over it by dof, in m. Returns both, of all obstacles, in J. Collective.
+    pub fn add_step<E: Engine>(
+        &mut self,
+        engine: &E,
+        displacement: impl Fn(usize) -> f64,
+        part: f64,
+    ) -> [f64; 2] {
+        let sums = self.exchange(engine, displacement, |node| self.path(node).map(|path| part * path));
+        self.ledger.iter_mut().zip(&sums).for_each(|(total, sum)| total[0] += sum);
+        [sums[0], sums[1..].iter().sum()]
+    }
+
+    /// Returns the work of the obstacles' motion less the heat, in J, over a displacement by dof
+    /// (m) with the moments of the step. Collective.
+    pub fn net_work<E: Engine>(&self, engine: &E, displacement: impl Fn(usize) -> f64) -> f64 {
+        let work = |(node, state): (usize, &NodeState)| dot(state.moment, self.change(node, &displacement));
+        engine.comm().all_reduce_sum(self.states.iter().enumerate().map(work).sum())
+    }
+
+    /// Extends the moments `from` of a state (N m, one entry per bound) through those of the step
+    /// from it, whose bounded configuration is the midpoint, to the fraction gamma of the step.
+    /// Returns whether they obey the law there, with reactions in N, where all slopes go straight
+    /// on. Collective.
+    pub fn extend(
+        &self,
+        comm: &impl Communicator,
+        gamma: f64,
+        from: &[[f64; 2]],
+        reaction: &[f64],
+        to: &mut [[f64; 2]],
+    ) -> bool {
+        let (mut errors, mut largest_moment) = (Vec::new(), 0.0_f64);
+        for ((node, state), rho) in self.given.nodes.iter().zip(&self.states).zip(&self.rho) {
+            let (start, r) = (from[node.bound], reaction[node.bound]);
+            let moment = [0, 1].map(|k| start[k] + 2.0 * gamma * (state.moment[k] - start[k]));
+            let radius = node.sides[usize::from(r < 0.0)].map_or(0.0, |side| side.grip() * r.abs());
+            let slip = state.slip.map(|slip| 2.0 * gamma * slip);
+            errors.push(law_error(moment, slip, radius, rho / self.weight));
+            largest_moment = largest_moment.max(radius).max(moment[0].hypot(moment[1]));
+            to[node.bound] = moment;
+        }
+        let [error, largest_moment] = comm.all_reduce_max_each([largest(errors.into_iter()), largest_moment]);
+        error <= ACCEPTED * largest_moment
+    }
+
+    /// Takes the moments of another step from the same state as a first guess.
+    pub fn guess(&mut self, step: &CoulombFriction) {
+        self.states.clone_from(&step.states);
+    }
+
+    /// Takes a part of the paths of another step.
+    pub fn take_paths(&mut self, step: &CoulombFriction, part: f64) {
+        for (paths, whole) in self.paths.iter_mut().zip(&step.paths) {
+            *paths = whole.map(|path| path.map(|slope| part * slope));
+        }
+    }
+
+    /// Writes the moments, in N m, one entry per bound.
+    pub fn write_moments(&self, moments: &mut [[f64; 2]]) {
+        for (node, state) in self.given.nodes.iter().zip(&self.states) {
+            moments[node.bound] = state.moment;
+        }
+    }
+
+    /// Returns the work of moments (N m, one entry per bound) over a displacement by dof (m), of
+    /// this rank's nodes, in J.
+    pub fn work_of(&self, moments: &[[f64; 2]], displacement: impl Fn(usize) -> f64) -> f64 {
+        let work = |(number, node): (usize, &FrictionalNode)| {
+            dot(moments[node.bound], self.change(number, &displacement))
+        };
+        self.given.nodes.iter().enumerate().map(work).sum()
+    }
+
+    /// Returns the dofs of this rank's slopes that stick, each with its rate in a step of `dt`
+    /// seconds.
+    pub fn stuck_slopes(&self, dt: f64) -> Vec<(usize, f64)> {
+        let mut stuck: Vec<(usize, f64)> = Vec::new();
+        for number in (0..self.states.len()).filter(|&number| self.sticks(number)) {
+            for (slope, path) in self.given.nodes[number].slopes.iter().zip(self.path(number)) {
+                let Some((dof, factor)) = *slope else { continue };
+                if stuck.last().is_none_or(|(last, _)| *last != dof) {
+                    stuck.push((dof, path / (factor * dt)));
+                }
+            }
+        }
+        stuck
+    }
+
+    /// Returns whether a node touches an obstacle with friction and sticks there.
+    fn sticks(&self, number: usize) -> bool {
+        let (state, rho) = (&self.states[number], self.rho[number] / self.weight);
+        let trial = [0, 1].map(|k| state.moment[k] - rho * state.slip[k]);
+        state.side.is_some() && trial[0].hypot(trial[1]) <= state.radius * (1.0 + ACCEPTED)
     }
 
     /// Adds the mean of work and heat at the instants n - 1 and n to the ledger, given the
@@ -449,20 +656,14 @@ impl<'s> CoulombFriction<'s> {
 
     /// Returns the friction at the nodes that touched in the last step.
     pub fn at_nodes(&self) -> Vec<NodalFriction> {
-        let node = |((node, state), rho): ((&FrictionalNode, &NodeState), &f64)| {
-            let side = state.side?;
-            let FrictionalSide { arm, .. } = node.sides[side]?;
+        let node = |(number, node): (usize, &FrictionalNode)| {
+            let NodeState { moment, slip, side, .. } = self.states[number];
+            let (side, bound) = (side?, node.bound);
+            let arm = node.sides[side]?.arm;
             let arm = if side == 0 { arm } else { -arm } / self.share;
-            let rho = rho / self.weight;
-            let trial = [0, 1].map(|k| state.moment[k] - rho * state.slip[k]);
-            Some(NodalFriction {
-                bound: node.bound,
-                moment: state.moment,
-                slip: state.slip.map(|slip| arm * slip),
-                sticks: trial[0].hypot(trial[1]) <= state.radius * (1.0 + ACCEPTED),
-            })
+            Some(NodalFriction { bound, moment, slip: slip.map(|s| arm * s), sticks: self.sticks(number) })
         };
-        self.given.nodes.iter().zip(&self.states).zip(&self.rho).filter_map(node).collect()
+        self.given.nodes.iter().enumerate().filter_map(node).collect()
     }
 
     /// Saves or restores the moments and the ledger.
@@ -501,6 +702,11 @@ impl<'s> CoulombFriction<'s> {
         self.given.nodes.iter().zip(&mut self.paths).for_each(|(node, path)| *path = paths[node.bound]);
         archive.value(&mut self.ledger)
     }
+}
+
+/// Returns the product of two moments or slopes.
+fn dot(a: [f64; 2], b: [f64; 2]) -> f64 {
+    a[0] * b[0] + a[1] * b[1]
 }
 
 /// Returns the compliance of a closed bound (m/N), 0 for a rigid one; `None` for an open one, or

@@ -152,10 +152,6 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
             stretching.applied = stretching.root + path;
             stretching.root += 2.0 * path;
         }
-        let StepDriver { friction, x, .. } = &mut self.driver;
-        if let Some(friction) = friction {
-            friction.add_step(engine, |dof| 2.0 * x[dof]);
-        }
         if let Some(followed) = &mut self.followed {
             followed.increment = 2.0 * followed.along(&self.driver.x)?;
             followed.work += followed.increment;

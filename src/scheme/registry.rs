@@ -46,6 +46,8 @@ pub struct Capabilities {
     /// Whether bounds may yield by laws of contact.
     pub takes_laws: bool,
     /// Whether sliders may dissipate energy.
+    pub takes_sliders: bool,
+    /// Whether obstacles may have friction.
     pub takes_friction: bool,
     /// Whether loads, obstacles and supports may depend on time.
     pub takes_time_dependence: bool,
@@ -68,6 +70,7 @@ const NEWMARK: Capabilities = Capabilities {
     takes_any_damping: true,
     takes_stop_damping: [true, false],
     takes_laws: true,
+    takes_sliders: true,
     takes_friction: true,
     takes_time_dependence: true,
     is_distributed: true,
@@ -93,7 +96,7 @@ const CONSERVING: Capabilities = Capabilities {
     ),
     takes_any_damping: false,
     takes_stop_damping: [false, true],
-    takes_friction: false,
+    takes_sliders: false,
     keeps_energy: true,
     factors: [2, 2],
     ..NEWMARK
@@ -106,6 +109,7 @@ const EXACT: Capabilities = Capabilities {
     takes_any_damping: false,
     takes_stop_damping: [false, false],
     takes_laws: false,
+    takes_sliders: false,
     takes_friction: false,
     takes_time_dependence: false,
     is_distributed: false,

@@ -10,7 +10,7 @@
 //! checks the answer, and keeps what the next step starts from. The residuals of past steps may
 //! enter the right-hand side, see [`super::feedback`].
 
-use super::coulomb::{CoulombFriction, NodalFriction};
+use super::coulomb::{CoulombFriction, NodalFriction, Rounds};
 use super::drive::ModalDamping;
 use super::feedback::Feedback;
 use super::quadratisation::{RankOne, RootSearch};
@@ -158,16 +158,21 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         Ok(())
     }
 
-    /// Prepares friction before the first step: sliders are relaxed and anchored at displacements
-    /// (m), see [`Sliding::new`].
+    /// Prepares sliders before the first step, relaxed and anchored at displacements (m), see
+    /// [`Sliding::new`].
+    pub fn begin_sliding(&mut self, u: &[f64], extent: f64) {
+        let sliders = self.system.drive.sliders.as_ref();
+        self.sliding = sliders.map(|sliders| Sliding::new(sliders, &self.bounds, u, extent));
+    }
+
+    /// Prepares the friction of obstacles for steps whose bounded configuration lies after a share
+    /// of the step.
     ///
     /// # Errors
     /// Returns the errors of the engine.
-    pub fn begin_friction(&mut self, u: &[f64], extent: f64) -> Result<()> {
+    pub fn begin_friction(&mut self, share: f64) -> Result<()> {
         let System { engine, drive, .. } = self.system;
-        let sliders = drive.sliders.as_ref();
-        self.sliding = sliders.map(|sliders| Sliding::new(sliders, &self.bounds, u, extent));
-        let friction = |given| CoulombFriction::new(given, engine, &self.matrix, &self.bounds, 1.0 / extent);
+        let friction = |given| CoulombFriction::new(given, engine, &self.matrix, &self.bounds, share);
         self.friction = drive.friction.as_ref().map(friction).transpose()?;
         Ok(())
     }
@@ -191,6 +196,21 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// Returns the energy that the friction of each obstacle has dissipated, in J.
     pub fn friction_heat(&self) -> Vec<f64> {
         self.friction.as_ref().map_or(Vec::new(), CoulombFriction::heat)
+    }
+
+    /// Returns the dofs of this rank's slopes that friction holds, each with its rate in a step of
+    /// `dt` seconds.
+    pub fn stuck_slopes(&self, dt: f64) -> Vec<(usize, f64)> {
+        self.friction.as_ref().map_or(Vec::new(), |friction| friction.stuck_slopes(dt))
+    }
+
+    /// Adds work and heat of friction over a part gamma of a step between two displacements (m)
+    /// to the ledger. Returns both, in J. Collective.
+    pub fn add_friction(&mut self, gamma: f64, [from, to]: [&[f64]; 2]) -> [f64; 2] {
+        let engine = &self.system.engine;
+        let add =
+            |friction: &mut CoulombFriction| friction.add_step(engine, |dof| to[dof] - from[dof], gamma);
+        self.friction.as_mut().map_or([0.0; 2], add)
     }
 
     /// Returns the friction at this rank's nodes that touched in the last step.
@@ -245,8 +265,8 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             sliding.bound(&mut self.bounds, |dof| u[dof] + s * d[dof], c);
         }
         if let Some(friction) = &mut self.friction {
-            let ([c, s], d) = (weights, formulas.known());
-            friction.begin_step(c, |dof| s * d[dof]);
+            let ([c, s], u, d) = (weights, formulas.displacement(), formulas.known());
+            friction.begin_step(c, |dof| s * d[dof], |dof| u[dof]);
         }
         let length = limits.magnitude().max(limits.largest(formulas.displacement()));
         let Some(RankOne { weight, gradient, scale }) = formulas.stretching() else {
@@ -285,29 +305,24 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// Alternates between the step with given moments of friction and their law.
     fn solve_with_friction(&mut self, friction: &mut CoulombFriction, length: f64) -> Result<()> {
         let System { engine, .. } = self.system;
-        let base = self.b.clone();
+        let (base, mut rounds) = (self.b.clone(), Rounds::default());
         let mut report = StepReport::default();
-        let (mut round, mut last) = (0, f64::INFINITY);
         let solved = loop {
             self.b.copy_from_slice(&base);
             friction.add_moments(&mut self.b);
             if let Err(error) = self.solve_with_moments(length) {
                 break Err(error);
             }
-            let error = friction.read_answer(engine.comm(), [&self.x, &self.reaction]);
-            report =
-                StepReport { kkt: largest([self.report.kkt, error].into_iter()), ..report.and(self.report) };
-            if !CoulombFriction::needs_another(round, [last, error]) {
-                break Ok(());
-            }
+            report = StepReport { kkt: self.report.kkt, ..report.and(self.report) };
             let answer = [&*self.x, &*self.reaction];
-            match friction.solve_moments(engine, &self.matrix, &self.bounds, answer, round) {
-                Ok(iterations) => report.iterations += iterations,
-                Err(error) => break Err(error),
+            match friction.improve(engine, &self.matrix, &self.bounds, answer, &mut rounds) {
+                Ok(true) => (),
+                done => break done.map(|_| ()),
             }
-            (round, last) = (round + 1, error);
         };
-        (self.b, self.report) = (base, report);
+        let kkt = largest([report.kkt, rounds.error].into_iter());
+        let iterations = report.iterations + rounds.iterations;
+        (self.b, self.report) = (base, StepReport { iterations, kkt, ..report });
         solved
     }
 

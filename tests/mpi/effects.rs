@@ -391,7 +391,7 @@ fn dry_friction_beside_a_floor() {
 /// without; on one rank, two and three.
 #[test]
 fn friction_on_a_belt() {
-    for (scheme, mass) in [("newmark", "singular"), ("midpoint", "consistent")] {
+    for (scheme, mass) in [("newmark", "singular"), ("midpoint", "consistent"), ("conserving", "singular")] {
         let scene = format!(
             r#"
                 {PAPER_PLATE}

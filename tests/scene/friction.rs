@@ -19,14 +19,9 @@ fn friction_is_read_written_and_refused() {
     assert!(scene.effects().contains(&"friction of obstacles".to_owned()));
     assert!(scene.dissipates() && scene.changes().is_some());
     for (more, expected) in [
-        (
-            "time.scheme = \"conserving\"",
-            "\"conserving\" keeps the energy, which obstacle.0.friction dissipates",
-        ),
         ("time.scheme = \"exact\"", "time.scheme = \"exact\" takes only what does not change with time"),
         ("time.restitution = 0.5", "time.restitution: makes the node of obstacle.0.friction rebound"),
         ("time.mass = \"modal\"", "time.mass: \"modal\" takes no obstacle.0.friction"),
-        ("time.scheme = \"midpoint\"", "time.massless: \"equilibrium\" takes no obstacle.0.friction"),
         ("obstacle.0.friction = -0.1", "obstacle.0.friction: -0.1 is negative"),
         ("support.0.motion = \"0.01*sin(t)\"", "support.0.motion: contradicts obstacle.0.friction"),
         ("in_plane.stretching = true", "obstacle.0.friction: contradicts in_plane.stretching"),

@@ -97,7 +97,12 @@ fn a_restored_scheme_shows_what_the_saved_one_shows() {
 
 #[test]
 fn friction_goes_on_with_the_bits() {
-    for method in [("newmark", "singular", ""), ("midpoint", "consistent", ", massless = \"reflected\"")] {
+    for method in [
+        ("newmark", "singular", ""),
+        ("midpoint", "consistent", ", massless = \"reflected\""),
+        ("midpoint", "singular", ""),
+        ("conserving", "singular", ""),
+    ] {
         let belt = "friction = 0.4, velocity = [\"0.3*cos(40*t)\", 0.1]";
         let text = format!(
             "{PAPER_PLATE}{CLAMPED}{}obstacle = [{{ side = \"below\", height = -0.004, {belt} }}]\n\

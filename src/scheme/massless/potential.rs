@@ -30,6 +30,13 @@
 //! gives `$C (\ddot p + \alpha \dot p) = -\nabla \varphi(p)$`. Stiffness-proportional damping is
 //! excluded: the massless part of U then has a rate of its own and is no function of p.
 //!
+//! # Friction
+//!
+//! Where nodes touch with friction, the massless rest remembers: U at the end of a step is the
+//! minimiser for which the moments obey the law of [`super::coulomb`], for the slip of the slopes
+//! since the start of the step. Slopes that stick keep their place, and the moments of slopes that
+//! slide follow their reactions.
+//!
 //! # Computing U(p)
 //!
 //! U(p) is found by the method of multipliers (Hestenes 1969, Powell 1969): U minimises the energy
@@ -55,10 +62,11 @@ mod rate;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{add, axpy, aypx, copy_scaled, divide, scale, subtract, waxpy};
+use crate::linalg::vectors::{add, axpy, aypx, copy_scaled, divide, largest, scale, subtract, waxpy};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::random::golden_vector;
+use crate::scheme::coulomb::{CoulombFriction, Rounds};
 use crate::scheme::drive::InstantData;
 use crate::scheme::midpoint::MidpointRule;
 use crate::scheme::state::{State, SupportVelocities};
@@ -101,6 +109,8 @@ pub struct Potential<'s, E: Engine> {
     sum: LinearCombination<'s>,
     stiffness: LinearCombination<'s>,
     solver: Condensed,
+    /// Friction of the nodes that touch, from one state on a line to the next.
+    friction: Option<CoulombFriction<'s>>,
     check: KktCheck,
     factorisations: u64,
     bounds: Bounds,
@@ -223,8 +233,10 @@ impl<'s, E: Engine> Potential<'s, E> {
             all_rigid |= elastic <= RIGID * RIGID * engine.dot(&x, &sizes)?;
             let fastest = elastic * (penalty / largest).powi(2);
             if all_rigid && penalty == first || PENALTY_RANGE.contains(&(penalty / fastest)) {
+                let friction = |given| CoulombFriction::new(given, engine, &sum, bounds, 1.0);
                 return Ok(Potential {
                     system,
+                    friction: system.drive.friction.as_ref().map(friction).transpose()?,
                     penalty,
                     check: KktCheck::with_inertia(engine, &alone, &sum, 0.0)?,
                     sum,
@@ -281,7 +293,7 @@ impl<'s, E: Engine> Potential<'s, E> {
         self.residual.fill(0.0);
         engine.project(mass, &self.u, &mut self.projected)?;
         let increment = engine.mass_norm_squared(mass, &self.projected)?.sqrt();
-        let report = self.reach(increment, instant)?;
+        let report = self.reach(increment, instant, None)?;
         u.copy_from_slice(&self.u);
         reaction.copy_from_slice(&self.reaction);
         Ok(report)
@@ -352,15 +364,21 @@ impl<'s, E: Engine> Potential<'s, E> {
 
     /// Moves the last solution to U(p) at p plus the residual, for the data of one instant. The
     /// solution exists wherever the inf-sup condition holds. `increment` is the norm, by C, of the
-    /// whole displacement of p, in m kg^1/2.
-    fn reach(&mut self, increment: f64, instant: &InstantData) -> Result<StepReport> {
+    /// whole displacement of p, in m kg^1/2. Nodes with friction slip from a displacement
+    /// `slip_from` (m, one entry per dof); without it there is none.
+    fn reach(
+        &mut self,
+        increment: f64,
+        instant: &InstantData,
+        slip_from: Option<&[f64]>,
+    ) -> Result<StepReport> {
         let System { engine, bounds, .. } = self.system;
         let limits = instant.bounds(bounds);
         let length = self.system.length(limits, limits.magnitude(), &self.u);
         for (kept, from) in self.from.iter_mut().zip([&self.u, &self.multiplier, &self.residual]) {
             kept.clone_from(from);
         }
-        let (mut report, mut missed) = self.rounds(increment, length, instant)?;
+        let (mut report, mut missed) = self.rounds(increment, length, instant, slip_from)?;
         // The penalty gives neighbouring nodes nearly equal flexibility: where both touch, their
         // Schur complement may consist of rounding errors.
         let poor = missed || report.kkt.is_nan() || report.kkt > Solver::<E>::tolerance(&self.solver);
@@ -369,7 +387,7 @@ impl<'s, E: Engine> Potential<'s, E> {
                 to.clone_from(kept);
             }
             let again;
-            (again, missed) = self.rounds(increment, length, instant)?;
+            (again, missed) = self.rounds(increment, length, instant, slip_from)?;
             report = StepReport { iterations: report.iterations + again.iterations, retries: 1, ..again };
         }
         if missed && !bounds.laws.are_rigid() {
@@ -392,7 +410,13 @@ impl<'s, E: Engine> Potential<'s, E> {
 
     /// Runs the rounds of multipliers. Returns also whether they miss p. `length` is the length
     /// scale of gaps, in m.
-    fn rounds(&mut self, increment: f64, length: f64, instant: &InstantData) -> Result<(StepReport, bool)> {
+    fn rounds(
+        &mut self,
+        increment: f64,
+        length: f64,
+        instant: &InstantData,
+        slip_from: Option<&[f64]>,
+    ) -> Result<(StepReport, bool)> {
         let System { engine, mass, bounds, .. } = self.system;
         let bounds = instant.bounds(bounds);
         let mut report = StepReport { kkt: f64::INFINITY, ..StepReport::default() };
@@ -405,9 +429,11 @@ impl<'s, E: Engine> Potential<'s, E> {
             add(&self.x, &mut self.b);
             instant.add_load(&mut self.b);
             self.bounds.shift(bounds, &self.u);
-            let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
-            let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
-            report.iterations += self.solver.solve(engine, &problem, &mut answer)?;
+            let (iterations, law_error) = match slip_from {
+                Some(from) => self.solve_with_friction(length, from)?,
+                None => (self.solve_within_bounds(length)?, 0.0),
+            };
+            report.iterations += iterations;
             add(&self.x, &mut self.u);
             engine.project(mass, &self.x, &mut self.projected)?;
             subtract(&self.projected, &mut self.residual);
@@ -421,11 +447,15 @@ impl<'s, E: Engine> Potential<'s, E> {
             }
             // Check K U = F + B^T λ + G^T r within the bounds.
             engine.project_transpose(mass, &self.multiplier, &mut self.b)?;
+            if let (Some(friction), Some(_)) = (&self.friction, slip_from) {
+                friction.add_moments(&mut self.b);
+            }
             let [load, varying] =
                 [&self.system.load, &instant.load].map(|load| load.as_deref().unwrap_or(&[]));
             let problem = Problem { matrix: &self.stiffness, rhs: &self.b, bounds, length };
             let answer = Answer { x: &mut self.u, reaction: &mut self.reaction };
             let kkt = self.check.residual(engine, &problem, &[load, varying], &answer)?;
+            let kkt = largest([kkt, law_error].into_iter());
             let last = std::mem::replace(&mut report.kkt, kkt);
             // Where cell sizes differ much, p converges before U is in equilibrium.
             if kkt <= Solver::<E>::tolerance(&self.solver) || kkt.is_nan() || kkt > 0.5 * last {
@@ -433,6 +463,38 @@ impl<'s, E: Engine> Potential<'s, E> {
             }
         }
         Ok((report, distance > MAX_MEAN_ERROR * farthest))
+    }
+
+    /// Solves for x with the present right-hand side and bounds. Returns the number of iterations.
+    fn solve_within_bounds(&mut self, length: f64) -> Result<u32> {
+        let problem = Problem { matrix: &self.sum, rhs: &self.b, bounds: &self.bounds, length };
+        let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
+        self.solver.solve(&self.system.engine, &problem, &mut answer)
+    }
+
+    /// Solves for x with the friction of nodes that slip from a displacement (m). Returns the
+    /// number of iterations and the error of the law.
+    fn solve_with_friction(&mut self, length: f64, from: &[f64]) -> Result<(u32, f64)> {
+        let Some(mut friction) = self.friction.take() else {
+            return Ok((self.solve_within_bounds(length)?, 0.0));
+        };
+        friction.begin_step(1.0, |dof| self.u[dof] - from[dof], |dof| self.u[dof]);
+        let (base, mut rounds, mut iterations) = (self.b.clone(), Rounds::default(), 0);
+        let solved = loop {
+            self.b.copy_from_slice(&base);
+            friction.add_moments(&mut self.b);
+            match self.solve_within_bounds(length) {
+                Ok(more) => iterations += more,
+                Err(error) => break Err(error),
+            }
+            let answer = [&*self.x, &*self.reaction];
+            match friction.improve(&self.system.engine, &self.sum, &self.bounds, answer, &mut rounds) {
+                Ok(true) => (),
+                done => break done.map(|_| (iterations + rounds.iterations, rounds.error)),
+            }
+        };
+        self.friction = Some(friction);
+        solved
     }
 
     /// Saves or restores the solver; each solution starts afresh.
@@ -480,20 +542,27 @@ impl<E: Engine> Line<'_, '_, E> {
             self.solve(gamma, &to.instant)?;
             to.u.copy_from_slice(&self.potential.u);
             to.reaction.copy_from_slice(&self.potential.reaction);
+            self.potential.friction.iter().for_each(|friction| friction.write_moments(&mut to.moments));
         }
         to.update_energies(self.potential.system)
     }
 
-    /// Returns the work done and the energy dissipated, in J, up to the last state, which is at
-    /// gamma.
+    /// Returns the work done, by friction too, and the energy that damping dissipates, in J, up to
+    /// the last state, which is at gamma.
     pub fn exchange(&self, gamma: f64, state: &State) -> Result<[f64; 2]> {
-        Ok([self.rule.work(self.from, state)?, gamma * self.rule.dt * self.dissipated_power])
+        let Line { from, rule, potential: Potential { system, .. }, .. } = self;
+        let by_friction = rule
+            .driver
+            .friction
+            .as_ref()
+            .map_or(0.0, |friction| friction.net_work(&system.engine, |dof| state.u[dof] - from.u[dof]));
+        Ok([rule.work(from, state)? + by_friction, gamma * rule.dt * self.dissipated_power])
     }
 
     /// Returns the derivative with respect to gamma, in J, of the energy less work and dissipation,
     /// at the last state: `$dV^T C V - 2 x^T (F - K U + G^T r)$` plus dissipation. F is the
     /// midpoint load, whose work is counted as external; so is the work of the midpoint reactions
-    /// where bounds move, taken here at uniform velocity.
+    /// where bounds move, and of the midpoint moments of friction, taken here at uniform velocity.
     pub fn slope(&mut self, gamma: f64, state: &State) -> Result<f64> {
         let System { engine, mass, bounds, .. } = self.potential.system;
         let work = &mut self.potential.b;
@@ -518,7 +587,17 @@ impl<E: Engine> Line<'_, '_, E> {
                 system.total(by(&state.reaction) - by(&rule.driver.reaction))? / gamma
             }
         };
-        Ok(middle + (gamma - 0.5) * rise + elastic + obstacles + rule.dt * self.dissipated_power)
+        let x = &rule.driver.x;
+        let change = |dof: usize| (state.u[dof] - from.u[dof]) / gamma;
+        let friction = match &rule.driver.friction {
+            None => 0.0,
+            Some(friction) => {
+                let beyond = friction.work_of(&state.moments, |dof| change(dof) - 2.0 * x[dof]);
+                system.total(beyond)? - friction.net_work(&system.engine, change)
+            }
+        };
+        let dissipated = rule.dt * self.dissipated_power;
+        Ok(middle + (gamma - 0.5) * rise + elastic + obstacles + friction + dissipated)
     }
 
     /// Returns whether the extended displacement satisfies all conditions of U(p) with the active
@@ -540,12 +619,22 @@ impl<E: Engine> Line<'_, '_, E> {
             // U(p) bends where a bound yields.
             straight &= start == 0.0 || bounds.laws.pressed(i, start).is_none();
         }
-        Ok(engine.comm().all_reduce_all(straight))
+        let straight = engine.comm().all_reduce_all(straight);
+        let Some(friction) = &self.rule.driver.friction else { return Ok(straight) };
+        let State { reaction, moments, .. } = to;
+        let obeys = friction.extend(engine.comm(), gamma, &self.from.moments, reaction, moments);
+        Ok(straight && obeys)
     }
 
     /// Moves the solution to gamma, from the last one on this line or from the midpoint.
     fn solve(&mut self, gamma: f64, instant: &InstantData) -> Result<()> {
         let (potential, rule) = (&mut *self.potential, self.rule);
+        if let (Some(friction), Some(step)) = (&mut potential.friction, &rule.driver.friction) {
+            friction.take_paths(step, gamma);
+            if self.gamma.is_none() {
+                friction.guess(step);
+            }
+        }
         let last = match self.gamma.replace(gamma) {
             Some(last) => last,
             None => {
@@ -563,7 +652,7 @@ impl<E: Engine> Line<'_, '_, E> {
         copy_scaled(2.0 * (gamma - last), &rule.half_dp, &mut potential.residual);
         let System { engine, mass, .. } = potential.system;
         let increment = 2.0 * engine.mass_norm_squared(mass, &rule.half_dp)?.sqrt();
-        self.report = self.report.and(potential.reach(increment, instant)?);
+        self.report = self.report.and(potential.reach(increment, instant, Some(&self.from.u))?);
         Ok(())
     }
 }

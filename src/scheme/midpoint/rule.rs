@@ -23,8 +23,10 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         support_velocities: Rc<SupportVelocities>,
     ) -> Result<MidpointRule<'s, E>> {
         let velocities = || vec![0.0; system.engine.velocities(&system.mass)];
+        let mut driver = StepDriver::new(system, Self::matrix(system, dt), dt, solver)?;
+        driver.begin_friction(0.5)?;
         Ok(MidpointRule {
-            driver: StepDriver::new(system, Self::matrix(system, dt), dt, solver)?,
+            driver,
             instants: StepInstants::new(system, dt, support_velocities),
             dt,
             stretching: None,

@@ -120,7 +120,7 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         system.bounds.restrict(&now.u, &mut record.admissible);
         record.reaction.copy_from_slice(&now.reaction);
         let mut rule = MidpointRule::new(system, dt, solver, support_velocities.clone())?;
-        rule.driver.begin_friction(&now.u, 2.0)?;
+        rule.driver.begin_sliding(&now.u, 2.0);
         rule.begin(&start.velocity, &now)?;
         rule.follow_deflection(&start.velocity, &now)?;
         Ok(Midpoint {
@@ -167,14 +167,15 @@ impl<E: Engine> Solution for Midpoint<'_, E> {
             return Ok(now.v.clone());
         }
         let rates = system.data_rates(record.time(), rule.dt, &now.frame_rates)?;
+        let stuck = rule.driver.stuck_slopes(rule.dt);
         match potential {
-            Some(potential) => potential.rate(&now.v, &now.reaction, &rates),
+            Some(potential) => potential.rate(&now.v, &now.reaction, &rates, &stuck),
             None => {
                 let recovery = match recovery {
                     Some(recovery) => recovery,
                     none => none.insert(Potential::factor(system)?),
                 };
-                recovery.rate(&now.v, &record.reaction, &rates)
+                recovery.rate(&now.v, &record.reaction, &rates, &stuck)
             }
         }
     }
@@ -238,6 +239,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         self.midpoints.rotate_right(1);
         self.midpoints[0].copy_from_slice(&record.admissible);
         self.work += rule.work(now, next)?;
+        rule.driver.add_friction(1.0, [&now.u, &next.u]);
         std::mem::swap(now, next);
         self.work += now.follow_supports(self.system, &self.support_velocities, record.time())?;
         if let Some(balance) = &mut self.balance {

@@ -61,7 +61,8 @@ impl<'s, E: Engine> Newmark<'s, E> {
         levels.force.renew(system, &levels.u_n)?;
         let stored = levels.limits().stored_energy(|bound| levels.u_n[system.bounds.dofs[bound]]);
         let at_start = if system.bounds.laws.are_rigid() { 0.0 } else { system.total(stored)? };
-        driver.begin_friction(&levels.u_n, 1.0)?;
+        driver.begin_sliding(&levels.u_n, 1.0);
+        driver.begin_friction(1.0)?;
         driver.set_obstacle_paths([0.0, parameters.step])?;
         driver.feed_residuals_forward(levels.energy_at_start(&start.velocity)?);
         let mut first = FirstStep { levels: &mut levels, v0: &start.velocity };

@@ -14,6 +14,8 @@
 //! factor is used as it is, whatever its contact candidates, so that reporting a velocity does not
 //! change later steps.
 //!
+//! Slopes that stick to an obstacle by friction follow its motion in the plane in the same way.
+//!
 //! A node on a bound that yields with the stiffness k at its present depth does not follow the
 //! bound: the rate r' of its reaction gives it the rate W = l' - r' / k.
 
@@ -39,9 +41,10 @@ type Solve<'s> = dyn FnMut(&mut [f64]) -> Result<()> + 's;
 
 impl<E: Engine> Potential<'_, E> {
     /// Returns the rate of U(p), in m/s, one entry per dof, where p moves at the velocity v, load
-    /// and bounds change at the rates `change`, and the nodes with a nonzero `reaction` follow
-    /// their bounds. If no rate satisfies both the cell means and the rates of the bounds, as is
-    /// possible without the inf-sup condition, the cell means take precedence. Collective.
+    /// and bounds change at the rates `change`, the nodes with a nonzero `reaction` follow their
+    /// bounds, and dofs that are `stuck` have the rates beside them. If no rate satisfies both the
+    /// cell means and the rates of the bounds, as is possible without the inf-sup condition, the
+    /// cell means take precedence. Collective.
     ///
     /// # Errors
     /// Returns the errors of the engine.
@@ -50,9 +53,10 @@ impl<E: Engine> Potential<'_, E> {
         v: &[f64],
         reaction: &[f64],
         change: &InstantData,
+        stuck: &[(usize, f64)],
     ) -> Result<Vec<f64>> {
         let (system, penalty) = (self.system, self.penalty);
-        let mut held = Held::new(system, reaction, change)?;
+        let mut held = Held::new(system, reaction, change, stuck)?;
         let search = Search { system, penalty, v, change };
         let speed = system.engine.mass_norm_squared(&system.mass, v)?.sqrt();
         self.solver.without_bounds(&system.bounds, |solve| {
@@ -131,7 +135,12 @@ struct Node {
 }
 
 impl<'s, E: Engine> Held<'s, E> {
-    fn new(system: &'s System<E>, reaction: &[f64], change: &InstantData) -> Result<Held<'s, E>> {
+    fn new(
+        system: &'s System<E>,
+        reaction: &[f64],
+        change: &InstantData,
+        stuck: &[(usize, f64)],
+    ) -> Result<Held<'s, E>> {
         let System { engine, stiffness, bounds, .. } = system;
         let diagonal = engine.diagonal(&stiffness.into())?;
         let node = |i: usize| {
@@ -148,7 +157,15 @@ impl<'s, E: Engine> Held<'s, E> {
             };
             Node { dof, rate, weight, compliance, reaction_rate: 0.0 }
         };
-        let nodes = (0..bounds.len()).filter(|&i| reaction[i] != 0.0).map(node).collect();
+        let slope = |&(dof, rate): &(usize, f64)| Node {
+            dof,
+            rate,
+            weight: diagonal[dof],
+            compliance: 0.0,
+            reaction_rate: 0.0,
+        };
+        let touching = (0..bounds.len()).filter(|&i| reaction[i] != 0.0).map(node);
+        let nodes = touching.chain(stuck.iter().map(slope)).collect();
         Ok(Held { system, nodes, first: None })
     }
 
