@@ -250,7 +250,7 @@ fn methods(scene: &Scene, study: &Study, dropped: &mut Vec<Absent>) -> Vec<Metho
         _ => 0.5,
     };
     let massless = |mass: Mass| match scene.time.scheme {
-        _ if scene.has_friction() => Massless::Reflected,
+        _ if !scene.sliders.is_empty() => Massless::Reflected,
         SchemeSpec::Midpoint { massless } if scene.time.mass == mass => massless,
         _ => mass.massless(),
     };
