@@ -266,7 +266,8 @@ pub struct Conserving<'s, E: Engine> {
     free: Vec<Approach>,
     relaxation: RelaxationStatistics,
     record: StepRecord,
-    friction: FrictionOfInterval,
+    /// `None` where no rank has friction.
+    friction: Option<FrictionOfInterval>,
     /// Balances of the last step of any length and of the last interval of the grid, if kept.
     balances: Option<[StepBalance; 2]>,
 }
@@ -329,7 +330,7 @@ impl<'s, E: Engine> Conserving<'s, E> {
             free,
             relaxation: RelaxationStatistics::default(),
             record,
-            friction: FrictionOfInterval::new(system.drive.friction.as_ref().map_or(0, |_| bounds.len())),
+            friction: system.drive.friction.as_ref().map(|_| FrictionOfInterval::new(bounds.len())),
             balances: None,
         };
         scheme.add_rule(dt)?;
@@ -351,7 +352,8 @@ impl<'s, E: Engine> Conserving<'s, E> {
         let rule = &self.rules[self.last];
         axpy(seconds, &rule.driver.reaction, &mut self.record.impulses);
         let parts = [seconds / self.record.dt, seconds / rule.dt];
-        self.friction.add(rule.driver.friction_at_nodes(), parts);
+        let of_step = || rule.driver.friction_at_nodes();
+        self.friction.iter_mut().for_each(|friction| friction.add(of_step(), parts));
         if let Some([last, mean]) = &mut self.balances {
             mean.add(seconds / self.record.dt, last);
         }
@@ -544,7 +546,7 @@ impl<E: Engine> Solution for Conserving<'_, E> {
 
     /// Returns the mean friction over the last dt.
     fn friction_at_nodes(&self) -> Vec<NodalFriction> {
-        self.friction.at_nodes()
+        self.friction.as_ref().map_or(Vec::new(), FrictionOfInterval::at_nodes)
     }
 
     fn approach(&self, bound: usize) -> Approach {
@@ -562,7 +564,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         if let Some([_, mean]) = &mut self.balances {
             *mean = StepBalance::zero(self.system);
         }
-        self.friction.clear();
+        self.friction.iter_mut().for_each(FrictionOfInterval::clear);
         let covered = self.ahead.min(dt);
         self.add_impulses(covered);
         self.ahead -= dt;
@@ -647,7 +649,7 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.now.archive(archive)?;
         self.before.archive(archive)?;
         self.limits.archive(archive)?;
-        self.friction.archive(archive)?;
+        self.friction.as_mut().map_or(Ok(()), |friction| friction.archive(archive))?;
         archive.vector(VectorKind::Dofs, &mut self.u)?;
         archive.vector(VectorKind::Bounds, &mut self.rates)?;
         Approach::archive(&mut self.free, archive)?;

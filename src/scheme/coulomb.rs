@@ -143,7 +143,7 @@ impl Default for Rounds {
 /// the slip through all of it.
 #[derive(Debug, Default)]
 pub(super) struct FrictionOfInterval {
-    /// Friction by bound; empty without friction.
+    /// Friction by bound.
     nodes: Vec<Option<NodalFriction>>,
 }
 
@@ -182,9 +182,6 @@ impl FrictionOfInterval {
     /// # Errors
     /// Returns [`Error::Checkpoint`] where the archive does not fit.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
-        if self.nodes.is_empty() {
-            return Ok(());
-        }
         archive.items(
             VectorKind::Bounds,
             &mut self.nodes,

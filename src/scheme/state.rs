@@ -18,8 +18,8 @@ pub(super) struct State {
     /// Reactions of the obstacles where U is in equilibrium for given p, in N, one entry per bound.
     pub reaction: Vec<f64>,
     /// Moments of friction where the massless rest is in equilibrium, in N m, one entry per bound;
-    /// empty without friction.
-    pub moments: Vec<[f64; 2]>,
+    /// `None` where no rank has friction.
+    pub moments: Option<Vec<[f64; 2]>>,
     /// Force F - K U with the constant load, in N, one entry per dof.
     pub force: Vec<f64>,
     /// Time-dependent data at the instant of the state.
@@ -45,7 +45,7 @@ impl State {
         let mut state = State {
             v,
             reaction: vec![0.0; bounds.len()],
-            moments: vec![[0.0; 2]; system.drive.friction.as_ref().map_or(0, |_| bounds.len())],
+            moments: system.drive.friction.as_ref().map(|_| vec![[0.0; 2]; bounds.len()]),
             force: vec![0.0; u.len()],
             u,
             instant: system.instant(0.0)?,
@@ -77,8 +77,8 @@ impl State {
         archive.vector(VectorKind::Dofs, &mut self.u)?;
         archive.vector(VectorKind::Dofs, &mut self.force)?;
         archive.vector(VectorKind::Velocities, &mut self.v)?;
-        if !self.moments.is_empty() {
-            archive.items(VectorKind::Bounds, &mut self.moments, |moment| *moment, |moment| moment)?;
+        if let Some(moments) = &mut self.moments {
+            archive.items(VectorKind::Bounds, moments, |moment| *moment, |moment| moment)?;
         }
         archive.vector(VectorKind::Bounds, &mut self.reaction)
     }

@@ -413,6 +413,13 @@ fn friction_on_a_belt() {
             "#
         );
         agree(&format!("friction-{scheme}"), &scene, true);
+        // Ranks that face no obstacle take part all the same.
+        let at_tip = scene
+            .replace(r#"{ side = "below", height = -0.003, where = "x < 0.5" },"#, "")
+            .replace("x > 0.5", "x > 1.1")
+            .replace("x > 0.7", "x > 1.1")
+            .replace("end = 0.024", "end = 0.012");
+        agree(&format!("friction-at-the-tip-{scheme}"), &at_tip, true);
     }
 }
 

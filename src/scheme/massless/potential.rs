@@ -542,7 +542,9 @@ impl<E: Engine> Line<'_, '_, E> {
             self.solve(gamma, &to.instant)?;
             to.u.copy_from_slice(&self.potential.u);
             to.reaction.copy_from_slice(&self.potential.reaction);
-            self.potential.friction.iter().for_each(|friction| friction.write_moments(&mut to.moments));
+            if let (Some(friction), Some(moments)) = (&self.potential.friction, &mut to.moments) {
+                friction.write_moments(moments);
+            }
         }
         to.update_energies(self.potential.system)
     }
@@ -589,12 +591,12 @@ impl<E: Engine> Line<'_, '_, E> {
         };
         let x = &rule.driver.x;
         let change = |dof: usize| (state.u[dof] - from.u[dof]) / gamma;
-        let friction = match &rule.driver.friction {
-            None => 0.0,
-            Some(friction) => {
-                let beyond = friction.work_of(&state.moments, |dof| change(dof) - 2.0 * x[dof]);
+        let friction = match (&rule.driver.friction, &state.moments) {
+            (Some(friction), Some(moments)) => {
+                let beyond = friction.work_of(moments, |dof| change(dof) - 2.0 * x[dof]);
                 system.total(beyond)? - friction.net_work(&system.engine, change)
             }
+            _ => 0.0,
         };
         let dissipated = rule.dt * self.dissipated_power;
         Ok(middle + (gamma - 0.5) * rise + elastic + obstacles + friction + dissipated)
@@ -620,10 +622,13 @@ impl<E: Engine> Line<'_, '_, E> {
             straight &= start == 0.0 || bounds.laws.pressed(i, start).is_none();
         }
         let straight = engine.comm().all_reduce_all(straight);
-        let Some(friction) = &self.rule.driver.friction else { return Ok(straight) };
-        let State { reaction, moments, .. } = to;
-        let obeys = friction.extend(engine.comm(), gamma, &self.from.moments, reaction, moments);
-        Ok(straight && obeys)
+        let moments = self.from.moments.as_ref().zip(to.moments.as_mut());
+        Ok(match self.rule.driver.friction.as_ref().zip(moments) {
+            None => straight,
+            Some((friction, (from, moments))) => {
+                friction.extend(engine.comm(), gamma, from, &to.reaction, moments) && straight
+            }
+        })
     }
 
     /// Moves the solution to gamma, from the last one on this line or from the midpoint.
