@@ -5,7 +5,7 @@ use crate::error::{Error, Result, suggestion};
 use crate::memory;
 use std::ffi::OsString;
 use std::fs::{self, File, Metadata, OpenOptions};
-use std::io::{self, Read, Write};
+use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Largest size of a scene file, in bytes.
@@ -123,19 +123,24 @@ pub fn files_of<T>(folder: &Path, read: impl Fn(&str) -> Option<T>) -> Vec<(T, P
 /// # Errors
 /// Returns [`Error::Io`] naming the file.
 pub fn write_atomic(path: &Path, bytes: &[u8]) -> Result<()> {
-    write_whole(path, bytes, &mut File::options())
+    write_whole(path, &mut File::options(), |file| file.write_all(bytes))
 }
 
-/// Writes a file like [`write_atomic`], which is created with some options.
+/// Writes a file like [`write_atomic`] piece by piece, which is created with some options.
 ///
 /// # Errors
 /// Returns [`Error::Io`] naming the file.
-pub fn write_whole(path: &Path, bytes: &[u8], options: &mut OpenOptions) -> Result<()> {
+pub fn write_whole(
+    path: &Path,
+    options: &mut OpenOptions,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> Result<()> {
     let temporary = temporary_name(path);
-    let mut attempt = || -> io::Result<()> {
-        let mut file = open_plain(options.create(true).truncate(true).write(true), &temporary)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
+    let attempt = || -> io::Result<()> {
+        let file = open_plain(options.create(true).truncate(true).write(true), &temporary)?;
+        let mut writer = BufWriter::new(file);
+        write(&mut writer)?;
+        writer.into_inner()?.sync_all()?;
         fs::rename(&temporary, path)?;
         // The new name is in the folder, which must reach the disk too. Some file systems refuse
         // this.

@@ -53,7 +53,7 @@ pub(super) fn of_sweep(folder: &Path, page: &Path) -> Result<()> {
     let tables = sweep.statistics.iter().flat_map(SweepStatistics::tables);
     let mut tables: Vec<RunTable> =
         tables.map(|(name, lines)| RunTable::new(name, &lines, |_| true)).collect();
-    tables.push(RunTable::new(&heading, &sweep.lines(), is_shown));
+    tables.push(RunTable::new(&heading, &sweep.lines().collect::<Vec<_>>(), is_shown));
     write(
         page,
         &ManyRuns {

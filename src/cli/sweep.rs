@@ -192,10 +192,10 @@ impl SweepArgs {
         let line = ProgressLine::new(count, store.indices().len(), self.scene.voice.is_silent());
         let shown = line.clone();
         store.on_row(move |row| shown.tell(row));
-        let rows = sweep::conduct(sweep, load, &mut store, self.jobs.get(), &|| signal::signal_received());
+        let ended = sweep::conduct(sweep, load, &mut store, self.jobs.get(), &|| signal::signal_received());
         line.0.finish_and_clear();
         drop(cache);
-        self.finish(scene, &folder, store, rows.map(drop))
+        self.finish(scene, &folder, store, ended)
     }
 
     /// Makes one run of the sweep, and tells how `rebond run` makes it.
@@ -213,7 +213,9 @@ impl SweepArgs {
             text += &format!("{}\n", words.join(" "));
         }
         let report = SweepReport::new(scene, command_line(), vec![row]);
-        for (head, cell) in report.lines().first().into_iter().flatten().zip(&report.lines()[1]) {
+        let mut lines = report.lines();
+        let cells = lines.next().into_iter().flatten().zip(lines.next().into_iter().flatten());
+        for (head, cell) in cells {
             if !cell.is_empty() && !head.ends_with("_section") {
                 text += &format!("  {head}: {cell}\n");
             }
@@ -281,7 +283,7 @@ impl SweepArgs {
     /// Writes table, report and pictures of all runs, or the table of those that are done.
     fn finish(&self, scene: &Scene, folder: &Path, mut store: SweepStore, ended: Result<()>) -> Result<()> {
         let is_complete = ended.is_ok();
-        let report = SweepReport::new(scene, command_line(), store.rows());
+        let report = SweepReport::new(scene, command_line(), store.take_rows());
         report.write(folder)?;
         ended?;
         let pictures = Figure::write_all(&folder.join(plot::FOLDER), &sweep::figures(&report))?;

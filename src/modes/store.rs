@@ -17,6 +17,7 @@ use serde::Serialize;
 use serde::de::DeserializeOwned;
 use std::ffi::OsString;
 use std::fs::{self, DirBuilder, File, Metadata};
+use std::io::Write as _;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
@@ -135,7 +136,7 @@ impl Store {
             let mut options = File::options();
             #[cfg(unix)]
             std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o644);
-            input::write_whole(&path, &bytes, &mut options)?;
+            input::write_whole(&path, &mut options, |file| file.write_all(&bytes))?;
             Ok(told(name, size, "kept in", &path, bytes.len()))
         };
         let warning = |why| format!("warning: {name} {verb} not written to the cache: {why}");

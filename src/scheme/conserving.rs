@@ -154,7 +154,7 @@
 
 mod kicks;
 
-use super::coulomb::{FrictionOfInterval, NodalFriction};
+use super::coulomb::NodalFriction;
 use super::drive::InstantData;
 use super::massless::potential::Line;
 use super::midpoint::MidpointRule;
@@ -266,8 +266,6 @@ pub struct Conserving<'s, E: Engine> {
     free: Vec<Approach>,
     relaxation: RelaxationStatistics,
     record: StepRecord,
-    /// `None` where no rank has friction.
-    friction: Option<FrictionOfInterval>,
     /// Balances of the last step of any length and of the last interval of the grid, if kept.
     balances: Option<[StepBalance; 2]>,
 }
@@ -330,7 +328,6 @@ impl<'s, E: Engine> Conserving<'s, E> {
             free,
             relaxation: RelaxationStatistics::default(),
             record,
-            friction: system.drive.friction.as_ref().map(|_| FrictionOfInterval::new(bounds.len())),
             balances: None,
         };
         scheme.add_rule(dt)?;
@@ -351,9 +348,6 @@ impl<'s, E: Engine> Conserving<'s, E> {
     fn add_impulses(&mut self, seconds: f64) {
         let rule = &self.rules[self.last];
         axpy(seconds, &rule.driver.reaction, &mut self.record.impulses);
-        let parts = [seconds / self.record.dt, seconds / rule.dt];
-        let of_step = || rule.driver.friction_at_nodes();
-        self.friction.iter_mut().for_each(|friction| friction.add(of_step(), parts));
         if let Some([last, mean]) = &mut self.balances {
             mean.add(seconds / self.record.dt, last);
         }
@@ -544,9 +538,13 @@ impl<E: Engine> Solution for Conserving<'_, E> {
         Ok(Energies { work: energies.work + self.work + heat, ..energies })
     }
 
-    /// Returns the mean friction over the last dt.
+    /// Returns the friction in the last step, whatever its length, with its slip in a time dt.
     fn friction_at_nodes(&self) -> Vec<NodalFriction> {
-        self.friction.as_ref().map_or(Vec::new(), FrictionOfInterval::at_nodes)
+        let rule = &self.rules[self.last];
+        let mut nodes = rule.driver.friction_at_nodes();
+        let steps = self.record.dt / rule.dt;
+        nodes.iter_mut().flat_map(|node| &mut node.slip).for_each(|slip| *slip *= steps);
+        nodes
     }
 
     fn approach(&self, bound: usize) -> Approach {
@@ -564,7 +562,6 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         if let Some([_, mean]) = &mut self.balances {
             *mean = StepBalance::zero(self.system);
         }
-        self.friction.iter_mut().for_each(FrictionOfInterval::clear);
         let covered = self.ahead.min(dt);
         self.add_impulses(covered);
         self.ahead -= dt;
@@ -649,7 +646,6 @@ impl<E: Engine> Scheme for Conserving<'_, E> {
         self.now.archive(archive)?;
         self.before.archive(archive)?;
         self.limits.archive(archive)?;
-        self.friction.as_mut().map_or(Ok(()), |friction| friction.archive(archive))?;
         archive.vector(VectorKind::Dofs, &mut self.u)?;
         archive.vector(VectorKind::Bounds, &mut self.rates)?;
         Approach::archive(&mut self.free, archive)?;

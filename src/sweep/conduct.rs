@@ -18,8 +18,8 @@ pub type Loader<'l> = dyn Fn(&[String]) -> Result<Scene> + Sync + 'l;
 
 /// Receiver of finished runs.
 pub trait SweepRecord {
-    /// Returns the row of a run that is known from before, if it is.
-    fn known(&self, index: usize) -> Option<SweepRow>;
+    /// Returns whether the row of a run is known from before.
+    fn is_known(&self, index: usize) -> bool;
 
     /// Returns the state with which the last known run of a group ended, if it is known.
     fn state(&self, group: usize) -> Option<CarriedState>;
@@ -29,7 +29,7 @@ pub trait SweepRecord {
     ///
     /// # Errors
     /// Returns any error that must stop the sweep.
-    fn done(&mut self, group: usize, row: &SweepRow, state: Option<&CarriedState>) -> Result<()>;
+    fn done(&mut self, group: usize, row: SweepRow, state: Option<&CarriedState>) -> Result<()>;
 }
 
 /// Finished run on its way to the record: its group, its row, and the state that the next run of
@@ -59,8 +59,7 @@ struct Conductor<'c> {
     next: AtomicUsize,
 }
 
-/// Makes the runs of a sweep that the record does not know, on a number of threads. Returns all
-/// rows in the order of the plan.
+/// Makes the runs of a sweep that the record does not know, on a number of threads.
 ///
 /// # Errors
 /// Returns the errors of the record, and [`Error::Stopped`] once `interrupts` says so. The failure
@@ -71,21 +70,20 @@ pub fn conduct(
     record: &mut dyn SweepRecord,
     threads: usize,
     interrupts: &(dyn Fn() -> bool + Sync),
-) -> Result<Vec<SweepRow>> {
-    let mut rows = Vec::new();
+) -> Result<()> {
+    let (mut made, mut total) = (0, 0);
     let mut waiting = Vec::new();
     let groups = groups(sweep);
     let leader = typical_run(sweep).filter(|_| groups.len() > 1);
     for (group, runs) in groups.into_iter().enumerate() {
-        let recorded: Vec<SweepRow> = runs.iter().map_while(|run| record.known(run.index)).collect();
-        let rest = runs[recorded.len()..].to_vec();
+        let recorded = runs.iter().take_while(|run| record.is_known(run.index)).count();
+        let rest = runs[recorded..].to_vec();
+        (made, total) = (made + recorded, total + runs.len());
         let state = if rest.is_empty() { None } else { record.state(group) };
-        rows.extend(recorded);
         if !rest.is_empty() {
             waiting.push(Waiting { group, is_carried: runs.len() > 1, runs: rest, state });
         }
     }
-    let total = rows.len() + waiting.iter().map(|group| group.runs.len()).sum::<usize>();
     let lot = waiting.len().div_ceil(threads.max(1)).clamp(1, Lanes::COUNT);
     let conductor = Conductor { sweep, load, interrupts, leader, waiting, lot, next: AtomicUsize::new(0) };
     let (sender, receiver) = channel();
@@ -97,17 +95,16 @@ pub fn conduct(
         drop(sender);
         // A failed record drops the receiver, at which the threads stop.
         for (group, row, state) in receiver {
-            record.done(group, &row, state.as_ref())?;
-            rows.push(row);
+            record.done(group, row, state.as_ref())?;
+            made += 1;
         }
         Ok::<_, Error>(())
     })?;
-    if rows.len() < total {
-        let words = format!("interrupted: {} of {total} runs are done; the same command goes on", rows.len());
+    if made < total {
+        let words = format!("interrupted: {made} of {total} runs are done; the same command goes on");
         return Err(Error::Stopped(words));
     }
-    rows.sort_by_key(|row| row.index);
-    Ok(rows)
+    Ok(())
 }
 
 /// Makes one run of a sweep without others, by its index in the plan. Its row is the one of the

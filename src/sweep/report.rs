@@ -6,12 +6,14 @@ use super::row::{ProbeHead, SweepRow};
 use super::statistics::SweepStatistics;
 use crate::error::{Error, Result};
 use crate::input;
+use crate::input::write_whole;
 use crate::output::summary::write_json;
 use crate::output::text::TableColumns;
-use crate::output::write_atomic;
 use crate::scene::{Scene, SweepSpec};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use std::fs::File;
+use std::io::Write as _;
 use std::path::Path;
 
 /// Names of the files in the folder of a sweep.
@@ -87,7 +89,12 @@ impl SweepReport {
     /// Returns [`Error::Io`] where a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         write_json(&folder.join(JSON), self)?;
-        write_atomic(&folder.join(CSV), self.csv().as_bytes())
+        write_whole(&folder.join(CSV), &mut File::options(), |file| {
+            self.lines().try_for_each(|cells| {
+                let cells: Vec<String> = cells.iter().map(|cell| quoted(cell)).collect();
+                writeln!(file, "{}", cells.join(","))
+            })
+        })
     }
 
     /// Returns the number of runs that failed.
@@ -95,15 +102,9 @@ impl SweepReport {
         self.rows.iter().filter(|row| row.measures.is_none()).count()
     }
 
-    /// Returns the table as CSV.
-    fn csv(&self) -> String {
-        let line = |cells: &Vec<String>| cells.iter().map(|cell| quoted(cell)).collect::<Vec<_>>().join(",");
-        self.lines().iter().map(|cells| line(cells) + "\n").collect()
-    }
-
     /// Returns the heads of the table and a line per run, in which every number reads back as the
     /// same `f64`.
-    pub fn lines(&self) -> Vec<Vec<String>> {
+    pub fn lines(&self) -> impl Iterator<Item = Vec<String>> {
         let mut columns = TableColumns::default();
         for (key, name) in self.keys.iter().enumerate() {
             columns.add(name, move |row: &SweepRow| format!("{:?}", row.values[key]));
@@ -128,7 +129,7 @@ impl SweepReport {
         }
         columns.add("failure", |row| row.failure.clone().unwrap_or_default());
         let heads = columns.heads().into_iter().map(str::to_owned).collect();
-        std::iter::once(heads).chain(self.rows.iter().map(|row| columns.row(row))).collect()
+        std::iter::once(heads).chain(self.rows.iter().map(move |row| columns.row(row)))
     }
 }
 

@@ -121,9 +121,9 @@ impl SweepStore {
         self.state_paths().iter().try_for_each(|(_, path)| remove(path))
     }
 
-    /// Returns the rows that are known, in the order of the plan.
-    pub fn rows(&self) -> Vec<SweepRow> {
-        self.known.values().cloned().collect()
+    /// Takes the rows that are known out of the store, in the order of the plan.
+    pub fn take_rows(&mut self) -> Vec<SweepRow> {
+        std::mem::take(&mut self.known).into_values().collect()
     }
 }
 
@@ -188,22 +188,22 @@ fn line(row: &SweepRow) -> String {
 }
 
 impl SweepRecord for SweepStore {
-    fn known(&self, index: usize) -> Option<SweepRow> {
-        self.known.get(&index).cloned()
+    fn is_known(&self, index: usize) -> bool {
+        self.known.contains_key(&index)
     }
 
     fn state(&self, group: usize) -> Option<CarriedState> {
         self.states.get(&group).cloned()
     }
 
-    fn done(&mut self, group: usize, row: &SweepRow, state: Option<&CarriedState>) -> Result<()> {
+    fn done(&mut self, group: usize, row: SweepRow, state: Option<&CarriedState>) -> Result<()> {
         if let (Some(state), Some(_)) = (state, &row.measures) {
-            let bytes = archive::to_bytes(&(line(row).into_bytes(), state))?;
+            let bytes = archive::to_bytes(&(line(&row).into_bytes(), state))?;
             write_atomic(&self.folder.join(format!("state-{group}.bin")), &bytes)?;
         }
-        self.known.insert(row.index, row.clone());
-        self.file.add(row)?;
-        (self.told)(row);
+        self.file.add(&row)?;
+        (self.told)(&row);
+        self.known.insert(row.index, row);
         Ok(())
     }
 }

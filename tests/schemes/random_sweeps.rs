@@ -1,9 +1,9 @@
 //! Statistics of sweeps with random values, compared with closed forms: a single mass, whose
 //! amplitude is proportional to its load.
 
-use super::sweeps::{Fresh, LOAD, heave, linear};
+use super::sweeps::{LOAD, heave, linear, rows_of};
 use rebond::scene::Scene;
-use rebond::sweep::{MeasureStatistics, SweepReport, SweepStatistics, conduct};
+use rebond::sweep::{MeasureStatistics, SweepReport, SweepStatistics};
 
 const RUNS: usize = 400;
 
@@ -18,7 +18,7 @@ fn statistics(random: &str, more: &str) -> SweepStatistics {
         Scene::from_str(&text, "random.toml", &[&["parameters.w=0.5".to_owned()], settings].concat())
     };
     let scene = load(&[]).unwrap();
-    let rows = conduct(scene.sweep.as_ref().unwrap(), &load, &mut Fresh, 2, &|| false).unwrap();
+    let rows = rows_of(&scene, &load);
     for row in &rows {
         let amplitude = row.measures.as_ref().unwrap().probes[0].amplitude;
         assert!((amplitude / (row.values[0] * linear(0.5)) - 1.0).abs() < 1e-3, "{row:?}");

@@ -9,31 +9,41 @@ use rebond::scene::Scene;
 use rebond::scheme::{NewmarkParameters, Solution, Start};
 use rebond::simulation::Model;
 use rebond::sweep::lyapunov::{Exponent, Neighbours};
-use rebond::sweep::{CarriedState, Direction, Measures, SweepRecord, SweepRow, conduct, repetition};
+use rebond::sweep::{CarriedState, Direction, Loader, Measures, SweepRecord, SweepRow, conduct, repetition};
 use std::f64::consts::{LN_2, PI, TAU};
 
 /// Record that knows nothing from before.
-pub struct Fresh;
+#[derive(Default)]
+pub struct Fresh(pub Vec<SweepRow>);
 
 impl SweepRecord for Fresh {
-    fn known(&self, _: usize) -> Option<SweepRow> {
-        None
+    fn is_known(&self, _: usize) -> bool {
+        false
     }
 
     fn state(&self, _: usize) -> Option<CarriedState> {
         None
     }
 
-    fn done(&mut self, _: usize, _: &SweepRow, _: Option<&CarriedState>) -> rebond::Result<()> {
+    fn done(&mut self, _: usize, row: SweepRow, _: Option<&CarriedState>) -> rebond::Result<()> {
+        self.0.push(row);
         Ok(())
     }
+}
+
+/// Returns the rows of a scene's sweep, in the order of the plan.
+pub fn rows_of(scene: &Scene, load: &Loader) -> Vec<SweepRow> {
+    let mut made = Fresh::default();
+    conduct(scene.sweep.as_ref().unwrap(), load, &mut made, 2, &|| false).unwrap();
+    made.0.sort_by_key(|row| row.index);
+    made.0
 }
 
 /// Returns values, direction and measures of the runs of a sweep.
 fn sweep(text: &str) -> Vec<(f64, Direction, Measures)> {
     let load = |settings: &[String]| Scene::from_str(text, "sweep.toml", settings);
     let scene = load(&[]).unwrap();
-    let rows = conduct(scene.sweep.as_ref().unwrap(), &load, &mut Fresh, 2, &|| false).unwrap();
+    let rows = rows_of(&scene, &load);
     let measured = |row: SweepRow| {
         let why = row.failure.unwrap_or_default();
         (row.values[0], row.direction, row.measures.unwrap_or_else(|| panic!("{why}")))
