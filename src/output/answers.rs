@@ -34,12 +34,15 @@ pub fn answers(summary: &Value) -> Vec<KeyFigure> {
     let mut forces: Vec<(&String, &Value)> = summary["forces"].as_object().into_iter().flatten().collect();
     // Supports and obstacles with names of their own come first.
     forces.sort_by_key(|(name, _)| name.starts_with("obstacle_"));
+    let lost = &summary["dissipated"];
     for (name, force) in forces.iter().take(MOST_FORCES) {
-        add(name, Some(force_of(force)));
+        let heat = quantity(&lost[name], "J").map_or(String::new(), |heat| format!(", {heat} dissipated"));
+        add(name, Some(force_of(force) + &heat));
     }
     let others = forces.len().saturating_sub(MOST_FORCES);
     add("...", (others > 0).then(|| format!("{others} more stops and supports in summary.json")));
-    for (name, lost) in summary["dissipated"].as_object().into_iter().flatten() {
+    let of_others = |(name, _): &(&String, &Value)| summary["forces"][name].is_null();
+    for (name, lost) in lost.as_object().into_iter().flatten().filter(of_others) {
         add(name, quantity(lost, "J").map(|lost| format!("{lost} dissipated")));
     }
     add("energy", energy(summary));
@@ -71,6 +74,9 @@ fn first_impact(summary: &Value) -> Option<String> {
     let Some(time) = quantity(&impact["time"], "s") else {
         return (summary["bounded_dofs"] != 0).then(|| "none: nothing touched".to_owned());
     };
+    if impact["time"] == 0.0 && impact["velocity"] == 0.0 {
+        return Some("touches from the start".to_owned());
+    }
     let speed = engineering(impact["velocity"].as_f64()?.abs(), "m/s");
     Some(format!("{time} at {}, closing at {speed}", place_of(&impact["at"])?))
 }
@@ -110,17 +116,24 @@ fn moment(moment: &Value) -> Option<f64> {
     Some(moment[0].as_f64()?.hypot(moment[1].as_f64()?)).filter(|moment| *moment > 0.0)
 }
 
-/// Returns how damping and the dashpots of stops share an energy lost, in J, in parentheses; empty
-/// where the scheme keeps no ledger of them.
-fn shares(lost: f64, ledger: &Value) -> String {
-    let (Some(taken), Some(stops)) = (ledger["dissipated"].as_f64(), ledger["dissipated_by_stops"].as_f64())
-    else {
-        return String::new();
+/// Returns how damping, the dashpots of stops and friction share an energy lost, in J, in
+/// parentheses; empty where the scheme keeps no ledger of them.
+fn shares(lost: f64, summary: &Value) -> String {
+    let ledger = ["dissipated", "dissipated_by_stops"].map(|key| summary["relaxation"][key].as_f64());
+    let by_friction = summary["dissipated"].as_object().into_iter().flatten();
+    let by_friction: f64 = by_friction.filter_map(|(_, heat)| heat.as_f64()).sum();
+    let [damping, stops] = match ledger {
+        [Some(taken), Some(stops)] if (taken + by_friction - lost).abs() <= ROUNDING * lost => {
+            [taken - stops, stops]
+        }
+        _ => [0.0; 2],
     };
-    let is_whole = (taken - lost).abs() <= ROUNDING * taken;
-    let parts = [(taken - stops, "damping"), (stops, "stops")].into_iter().filter(|(part, _)| *part > 0.0);
-    let parts: Vec<String> = parts.map(|(part, by)| format!("{} by {by}", engineering(part, "J"))).collect();
-    if is_whole && !parts.is_empty() { format!(" ({})", parts.join(", ")) } else { String::new() }
+    let parts = [(damping, "damping"), (stops, "stops"), (by_friction, "friction")].into_iter();
+    let parts: Vec<String> = parts
+        .filter(|(part, _)| *part > EQUAL * lost)
+        .map(|(part, by)| format!("{} by {by}", engineering(part, "J")))
+        .collect();
+    if parts.is_empty() { String::new() } else { format!(" ({})", parts.join(", ")) }
 }
 
 /// Returns what is left of the energy where nothing but the scheme may lose any, otherwise its
@@ -140,7 +153,7 @@ fn energy(summary: &Value) -> Option<String> {
     let largest = parts.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
     let [from, put_in, lost, to] =
         parts.map(|part| engineering(if part.abs() > EQUAL * largest { part } else { 0.0 }, "J"));
-    let shares = shares(number("lost")?, &summary["relaxation"]);
+    let shares = shares(number("lost")?, summary);
     Some(format!("{from} at the start, {put_in} put in, {lost} lost{shares}, {to} at the end"))
 }
 
