@@ -14,7 +14,8 @@ pub(super) struct Terminal<'r> {
     progress: Option<Progress>,
     /// Progress report of the set-up, until the first row.
     set_up: Option<SetUpTold>,
-    /// Energies at the start of the run and of the last row, in J.
+    /// Energies at the start of the run and of the last row, in J; of a driven plate the latter
+    /// alone, without the work of loads.
     start: f64,
     energy: f64,
 }
@@ -34,6 +35,12 @@ impl<'r> Terminal<'r> {
         self.progress = Some(Progress::new(step..time.steps(), begin..time.end, voice.is_silent()));
     }
 
+    /// Returns whether something puts energy in, so that what the plate has is no part of a start.
+    fn is_driven(&self) -> bool {
+        let scene = &self.job.run.scene;
+        scene.changes().is_some() || scene.obstacles.iter().any(|obstacle| obstacle.velocity.is_some())
+    }
+
     /// Clears the line of the progress.
     pub fn finish(self) {
         self.progress.into_iter().for_each(Progress::finish);
@@ -42,12 +49,12 @@ impl<'r> Terminal<'r> {
 
 impl Observer for Terminal<'_> {
     fn begin(&mut self, energy: f64) {
-        self.start = energy;
+        self.start = if self.is_driven() { f64::NAN } else { energy };
     }
 
     fn row(&mut self, row: &Row) -> Result<()> {
         self.set_up = None;
-        self.energy = row.energy;
+        self.energy = if self.is_driven() { row.kinetic + row.elastic } else { row.energy };
         Ok(())
     }
 

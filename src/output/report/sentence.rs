@@ -88,6 +88,8 @@ fn plate(scene: &Value) -> String {
 /// Returns the supports, grouped by kind.
 fn supports(scene: &Value) -> String {
     let mut kinds: Vec<(String, Vec<String>, usize)> = Vec::new();
+    let mut washers = list(scene, "support").filter(|support| support["edge"].is_null());
+    let has_radius = washers.all(|support| support["radius"].as_f64().is_some_and(|radius| radius > 0.0));
     for support in list(scene, "support") {
         let kind = support["kind"].as_str().unwrap_or("supported").replace('_', " ");
         if kinds.last().is_none_or(|(last, ..)| *last != kind) {
@@ -106,10 +108,11 @@ fn supports(scene: &Value) -> String {
         let is_all_round = edges.len() == 4 && edges.iter().all(|edge| edge.ends_with(" edge"));
         let along = || if is_all_round { "all edges".to_owned() } else { edges.join(", ") };
         let edges = (!edges.is_empty()).then(|| format!("along {}", along()));
+        let place = if has_radius { "washer" } else { "point" };
         let points = match points {
             0 => None,
-            1 => Some("at a point".to_owned()),
-            count => Some(format!("at {count} points")),
+            1 => Some(format!("at a {place}")),
+            count => Some(format!("at {count} {place}s")),
         };
         format!("{kind} {}", edges.into_iter().chain(points).collect::<Vec<_>>().join(" and "))
     };

@@ -138,14 +138,21 @@ fn charts(table: &Table, rules: &[f64]) -> Vec<Chart> {
         let rules = if axis == ("deflection", "m") { rules.to_vec() } else { Vec::new() };
         charts.push(Chart { rules, ..chart(axis.0, axis.1, lines) });
     }
-    let moves = |name: &&str| column(name).iter().any(|value| *value != 0.0);
-    let energies = ["energy", "kinetic", "elastic", "work"].into_iter().filter(moves);
-    charts.push(chart("energy", "J", energies.map(|name| line(name, column(name))).collect()));
-    let start = column("energy").first().copied().unwrap_or_default();
-    let change: Vec<f64> = column("energy").iter().map(|energy| energy - start).collect();
-    charts.push(chart("change of the energy since the start", "J", vec![line("change", &change)]));
+    let moves = |values: &[f64]| values.iter().any(|value| *value != 0.0);
+    let (kinetic, elastic) = (column("kinetic"), column("elastic"));
+    let stored: Vec<f64> = kinetic.iter().zip(elastic).map(|(kinetic, elastic)| kinetic + elastic).collect();
+    let parts = [("kinetic", kinetic), ("elastic", elastic), ("both", &stored)];
+    charts.push(chart("energy of the plate", "J", parts.map(|(name, values)| line(name, values)).into()));
+    let since_start = |name: &str, sign: f64| -> Vec<f64> {
+        let first = column(name).first().copied().unwrap_or_default();
+        column(name).iter().map(|value| sign * (value - first)).collect()
+    };
+    let exchanged = [("put in", since_start("work", 1.0)), ("lost", since_start("energy", -1.0))].into_iter();
+    let exchanged = exchanged.filter(|(name, values)| *name == "lost" || moves(values));
+    let exchanged = exchanged.map(|(name, values)| line(name, &values)).collect();
+    charts.push(chart("energy since the start", "J", exchanged));
     let mut forces: Vec<LabelledCurve> = table.forces().map(|(name, values)| line(name, values)).collect();
-    if moves(&"contact_force") {
+    if moves(column("contact_force")) {
         forces.insert(0, line("all obstacles", column("contact_force")));
     }
     charts.push(chart("force on the plate, upward", "N", forces));
