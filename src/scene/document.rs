@@ -78,12 +78,11 @@ impl<'a> Document<'a> {
         let table = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(text.len(), |span| span.start);
             // In a table on one line the comma after the decimals is the one that is too many.
-            let (before, is_digit) = (text[..offset].as_bytes(), u8::is_ascii_digit);
-            let decimals = before.iter().rev().take_while(|byte| is_digit(byte)).count();
-            let is_second =
-                matches!(before[..before.len() - decimals], [.., digit, b','] if is_digit(&digit));
-            let is_first = text[offset..].as_bytes().get(1).is_some_and(is_digit);
-            let is_comma = text[offset..].starts_with(',') && (is_first || is_second && decimals > 0);
+            let (before, after) = text.as_bytes().split_at(offset);
+            let decimals = before.iter().rev().take_while(|byte| byte.is_ascii_digit()).count();
+            let number = &before[..before.len() - decimals];
+            let is_second = decimals > 0 && matches!(number, [.., b'0'..=b'9', b',']);
+            let is_comma = matches!(after, [b',', b'0'..=b'9', ..]) || is_second && after.starts_with(b",");
             let hint = if is_comma { "; a decimal point is written ." } else { "" };
             error_at(&position(file, bytes, offset), &(syntax(&error) + hint))
         })?;
