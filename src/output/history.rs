@@ -115,6 +115,18 @@ impl Table {
         Some(&self.columns[index])
     }
 
+    /// Returns kinetic and elastic energy together, in J.
+    pub fn stored(&self) -> Vec<f64> {
+        let [kinetic, elastic] = ["kinetic", "elastic"].map(|name| self.column(name).unwrap_or_default());
+        kinetic.iter().zip(elastic).map(|(kinetic, elastic)| kinetic + elastic).collect()
+    }
+
+    /// Returns the change of a column since the first row, times a factor.
+    pub fn since_start(&self, name: &str, factor: f64) -> Vec<f64> {
+        let values = self.column(name).unwrap_or_default();
+        values.iter().map(|value| factor * (value - values[0])).collect()
+    }
+
     /// Sets the quantity of each probe from its name; by default all are deflections.
     pub fn with_quantities(mut self, quantity_of: impl Fn(&str) -> ProbeQuantity) -> Table {
         self.quantities = self.names.iter().skip(COLUMNS.len()).map(|name| quantity_of(name)).collect();

@@ -51,25 +51,30 @@ pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
     figure.panel(forces.height(FORCES).curves(curves).without_x_labels()).panel(energies)
 }
 
-/// Plots the energies, the change of their sum since the start, and the force of the obstacles.
+/// Plots the energies, the change of their sum since the start, and the force of the obstacles. Of
+/// a driven plate it plots what was put in and lost in place of that change.
 pub fn energy(table: &Table, title: &str) -> Figure {
     let times = column(table, "time");
-    let work = is_any(table, "work").then(|| Curve::of("work", times, column(table, "work")));
-    let energies = Panel::new(time(table), Axis::linear("energy", "J").with([0.0]))
-        .curves(energies(table))
-        .curves(work.map(|work| work.palette(2).dashes(2)))
-        .without_x_labels();
-    let energy = column(table, "energy");
-    let (axis, scale) = match start(table) {
-        Some(start) => (Axis::linear("change / initial", ""), 1.0 / start),
-        None => (Axis::linear("change of energy", "J"), 1.0),
+    let energies = Panel::new(time(table), Axis::linear("energy", "J").with([0.0])).curves(energies(table));
+    let work = |name, work: &[f64]| Curve::of(name, times, work).palette(2).dashes(2);
+    let [energies, drift] = match start(table) {
+        Some(start) => {
+            let works = is_any(table, "work").then(|| work("work", column(table, "work")));
+            let change = table.since_start("energy", 1.0 / start);
+            let change = Curve::of("", times, &change).color(Color::BLACK);
+            let change =
+                Panel::new(time(table), Axis::linear("change / initial", "").with([0.0])).curve(change);
+            [energies.curves(works), change]
+        }
+        None => {
+            let lost = Curve::of("lost", times, &table.since_start("energy", -1.0)).palette(1);
+            let exchanged = [work("put in", &table.since_start("work", 1.0)), lost];
+            let axis = Axis::linear("since the start", "J").with([0.0]);
+            [energies, Panel::new(time(table), axis).curves(exchanged)]
+        }
     };
-    let first = energy.first().copied().unwrap_or(0.0);
-    let change: Vec<f64> = energy.iter().map(|energy| (energy - first) * scale).collect();
+    let (energies, drift) = (energies.without_x_labels(), drift.height(56.0));
     let has_force = is_any(table, "contact_force");
-    let drift = Panel::new(time(table), axis.with([0.0]))
-        .height(56.0)
-        .curve(Curve::of("", times, &change).color(Color::BLACK));
     let drift = if has_force { drift.without_x_labels() } else { drift };
     let figure = Figure::new(title).panel(energies).panel(drift);
     if !has_force {
@@ -290,11 +295,11 @@ pub(super) fn time(table: &Table) -> Axis {
 /// Creates the energy curves, in colours that differ in grey, for data too dense for dashes.
 fn energies(table: &Table) -> [Curve; 3] {
     let curve = |name| Curve::of(name, column(table, "time"), column(table, name));
-    [
-        curve("energy").color(Color::BLACK).width(1.5),
-        curve("elastic").palette(0),
-        curve("kinetic").palette(4).dashes(1),
-    ]
+    let whole = match start(table) {
+        Some(_) => curve("energy"),
+        None => Curve::of("both", column(table, "time"), &table.stored()),
+    };
+    [whole.color(Color::BLACK).width(1.5), curve("elastic").palette(0), curve("kinetic").palette(4).dashes(1)]
 }
 
 /// Returns the initial energy, if it is large enough as a reference for others.

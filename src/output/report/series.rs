@@ -139,15 +139,11 @@ fn charts(table: &Table, rules: &[f64]) -> Vec<Chart> {
         charts.push(Chart { rules, ..chart(axis.0, axis.1, lines) });
     }
     let moves = |values: &[f64]| values.iter().any(|value| *value != 0.0);
-    let (kinetic, elastic) = (column("kinetic"), column("elastic"));
-    let stored: Vec<f64> = kinetic.iter().zip(elastic).map(|(kinetic, elastic)| kinetic + elastic).collect();
-    let parts = [("kinetic", kinetic), ("elastic", elastic), ("both", &stored)];
+    let stored = table.stored();
+    let parts = [("kinetic", column("kinetic")), ("elastic", column("elastic")), ("both", &stored)];
     charts.push(chart("energy of the plate", "J", parts.map(|(name, values)| line(name, values)).into()));
-    let since_start = |name: &str, sign: f64| -> Vec<f64> {
-        let first = column(name).first().copied().unwrap_or_default();
-        column(name).iter().map(|value| sign * (value - first)).collect()
-    };
-    let exchanged = [("put in", since_start("work", 1.0)), ("lost", since_start("energy", -1.0))].into_iter();
+    let exchanged = [("put in", "work", 1.0), ("lost", "energy", -1.0)].into_iter();
+    let exchanged = exchanged.map(|(name, column, sign)| (name, table.since_start(column, sign)));
     let exchanged = exchanged.filter(|(name, values)| *name == "lost" || moves(values));
     let exchanged = exchanged.map(|(name, values)| line(name, &values)).collect();
     charts.push(chart("energy since the start", "J", exchanged));
