@@ -176,21 +176,6 @@ impl Archive {
         Ok(())
     }
 
-    /// Saves or restores a value that is valid only for the same number of ranks. Returns whether
-    /// `value` is valid now.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Archive::value`].
-    pub fn value_of_same<T: Serialize + DeserializeOwned + Clone>(&mut self, value: &mut T) -> Result<bool> {
-        let mut saved = value.clone();
-        self.value(&mut saved)?;
-        let use_it = !matches!(self, Archive::Restores { same_processes: false, .. });
-        if use_it {
-            *value = saved;
-        }
-        Ok(use_it)
-    }
-
     /// Saves or restores one number per dof, velocity or bound.
     ///
     /// # Errors

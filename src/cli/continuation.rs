@@ -12,6 +12,7 @@ use crate::output::checkpoint::Identity;
 use crate::output::claim::{RunLock, refuse_foreign};
 use crate::output::plot::{self, Figure};
 use crate::output::progress::moving_line;
+use crate::output::{remove, report};
 use crate::scene::{EngineName, Mass, ProbeQuantity, Scene};
 use crate::simulation::Model;
 use crate::sweep::{self, SweepReport};
@@ -149,7 +150,7 @@ impl ContinueArgs {
     ) -> Result<()> {
         let folder = self.scene.folder(self.out.as_deref(), "continuations");
         let _lock = RunLock::new(&folder, &Identity::of(scene)?)?;
-        let names = [continuation::JSON, continuation::CSV, plot::FOLDER, ".lock"];
+        let names = [continuation::JSON, continuation::CSV, plot::FOLDER, report::FILE, ".lock"];
         refuse_foreign(&folder, "continuation", "--out", |name| names.contains(&name))?;
         if folder.join(continuation::JSON).exists() && !self.overwrite {
             let shown = folder.display();
@@ -177,6 +178,7 @@ impl ContinueArgs {
         if ended.is_err() && report.rows.is_empty() {
             return ended.map(drop);
         }
+        remove(&folder.join(report::FILE))?;
         report.write(&folder)?;
         let pictures = Figure::write_all(&folder.join(plot::FOLDER), &continuation::figures(&report, sweep))?;
         let shown = Path::new(&folder).display();

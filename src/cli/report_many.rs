@@ -1,7 +1,9 @@
-//! Reports of the folders of sweeps and studies.
+//! Reports of the folders of sweeps, studies and branches.
 
 use super::printing::print;
+use crate::continuation::BranchReport;
 use crate::error::{Error, Result};
+use crate::geometry::range;
 use crate::input;
 use crate::output::report::{self, ManyRuns, RunTable};
 use crate::output::text::{grouped, significant};
@@ -58,6 +60,7 @@ pub(super) fn of_sweep(folder: &Path, page: &Path) -> Result<()> {
         page,
         &ManyRuns {
             kind: "sweep",
+            again: "sweep scene.toml",
             title: &sweep.title,
             version: &sweep.version,
             command: &sweep.command,
@@ -66,6 +69,35 @@ pub(super) fn of_sweep(folder: &Path, page: &Path) -> Result<()> {
             remarks: &remarks,
             pictures: &pictures,
             tables: &tables,
+        },
+    )
+}
+
+/// Writes the page of a branch of periodic motions to a path.
+pub(super) fn of_branch(folder: &Path, page: &Path) -> Result<()> {
+    let branch = BranchReport::read(folder)?;
+    let lines: Vec<Vec<String>> = branch.lines().collect();
+    let is_special = |line: &&Vec<String>| line.last().is_some_and(|point| !point.is_empty());
+    let special: Vec<Vec<String>> = lines.iter().filter(is_special).cloned().collect();
+    let [low, high] = range(branch.rows.iter().map(|row| row.parameter));
+    let over = if branch.is_free() { "--energy ".to_owned() } else { format!("--over {}=", branch.key) };
+    let remarks = [format!("Motions: {}; {}.", branch.stability(), branch.ending)];
+    write(
+        page,
+        &ManyRuns {
+            kind: "branch",
+            again: &format!("continue scene.toml {over}{low}..{high}"),
+            title: &branch.title,
+            version: &branch.version,
+            command: &branch.command,
+            hash: &branch.scene_hash,
+            scene: &branch.scene,
+            remarks: &remarks,
+            pictures: &pictures(&folder.join(plot::FOLDER))?,
+            tables: &[
+                RunTable::new("Special motions", &special, |_| true),
+                RunTable::new("Motions (branch.csv)", &lines, |_| true),
+            ],
         },
     )
 }
@@ -99,6 +131,7 @@ pub(super) fn of_study(folder: &Path, page: &Path) -> Result<()> {
         page,
         &ManyRuns {
             kind: "study",
+            again: "study scene.toml",
             title: &text(&study["resolved"]["title"]),
             version: &text(&study["version"]),
             command: &text(&study["command"]),
@@ -144,5 +177,5 @@ fn write(path: &Path, runs: &ManyRuns) -> Result<()> {
     write_atomic(path, page.as_bytes())?;
     let rows: usize = runs.tables.last().map_or(0, |table| table.rows.len());
     let size = significant((page.len() / 1000) as f64);
-    print(&format!("{} ({rows} runs, {} pictures, {size} kB)\n", path.display(), runs.pictures.len()))
+    print(&format!("{} ({rows} rows, {} pictures, {size} kB)\n", path.display(), runs.pictures.len()))
 }

@@ -4,6 +4,7 @@ use super::command::{Execute, Program};
 use super::modes;
 use super::printing::print;
 use super::report_many;
+use crate::continuation;
 use crate::error::Result;
 use crate::output::report::{self, Frames};
 use crate::output::run_folder::RunFolder;
@@ -17,15 +18,16 @@ const EXAMPLES: &str = "\
 Examples:
   rebond report runs/plate
   rebond report runs/soft runs/stiff
-  rebond report sweeps/shaker";
+  rebond report sweeps/shaker
+  rebond report continuations/shaker";
 
-/// Write report.html into the folder of a run, a sweep or a study: one page with the moving
-/// plate, charts, pictures and tables, which needs no network; for two runs, their answers and
-/// curves side by side
+/// Write report.html into the folder of a run, a sweep, a study or a branch: one page with the
+/// moving plate, charts, pictures and tables, which needs no network; for two runs, their answers
+/// and curves side by side
 #[derive(Debug, Args)]
 #[command(after_help = EXAMPLES)]
 pub(super) struct ReportPage {
-    /// Folder of a run, a sweep or a study, or folders of two runs
+    /// Folder of a run, a sweep, a study or a branch, or folders of two runs
     #[arg(required = true, num_args = 1..=2, value_name = "DIR")]
     folders: Vec<PathBuf>,
     /// Page; default: report.html in the folder, and A-B.html beside the first of two folders A
@@ -47,6 +49,9 @@ impl Execute for ReportPage {
         }
         if folder.join(report_many::STUDY).is_file() {
             return report_many::of_study(folder, &path);
+        }
+        if folder.join(continuation::JSON).is_file() {
+            return report_many::of_branch(folder, &path);
         }
         let run = RunFolder::read(folder)?;
         let frames = Frames::read(&run.snapshots)?;

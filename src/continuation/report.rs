@@ -136,11 +136,13 @@ impl BranchReport {
     /// Returns [`crate::error::Error::Io`] where a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         write_json(&folder.join(JSON), self)?;
-        write_atomic(&folder.join(CSV), self.csv().as_bytes())
+        let csv: String = self.lines().map(|cells| cells.join(",") + "\n").collect();
+        write_atomic(&folder.join(CSV), csv.as_bytes())
     }
 
-    /// Returns the table as CSV, in which every number reads back as the same `f64`.
-    fn csv(&self) -> String {
+    /// Returns the heads of the table and a line per motion, in which every number reads back as
+    /// the same `f64`; the last column is the kind of a special motion.
+    pub fn lines(&self) -> impl Iterator<Item = Vec<String>> {
         let mut columns = TableColumns::default();
         columns.add(self.key.as_str(), |row: &BranchRow| format!("{:?}", row.parameter));
         columns.add("period", |row| format!("{:?}", row.period));
@@ -155,15 +157,25 @@ impl BranchReport {
         columns.add("multiplier", |row| format!("{:?}", row.multiplier));
         columns.add("argument", |row| format!("{:?}", row.argument));
         columns.add("point", |row| row.point.map_or(String::new(), |point| point.to_string()));
-        let heads = columns.heads().join(",");
-        let lines = self.rows.iter().map(|row| columns.row(row).join(","));
-        std::iter::once(heads).chain(lines).map(|line| line + "\n").collect()
+        let heads = columns.heads().into_iter().map(str::to_owned).collect();
+        std::iter::once(heads).chain(self.rows.iter().map(move |row| columns.row(row)))
     }
 
-    /// Returns the ranges of the parameter of stretches of stable motions, in their order.
-    pub fn stable(&self) -> Vec<[f64; 2]> {
+    /// Returns where motions are stable, in words.
+    pub fn stability(&self) -> String {
+        let value = |value: f64| significant_digits(value, 5);
         let stretches = self.rows.chunk_by(|a, b| a.stable == b.stable).filter(|rows| rows[0].stable);
-        stretches.map(|rows| range(rows.iter().map(|row| row.parameter))).collect()
+        let spans = stretches.map(|rows| {
+            let [low, high] = range(rows.iter().map(|row| row.parameter));
+            format!("{} to {}", value(low), value(high))
+        });
+        let spans: Vec<String> = spans.collect();
+        match spans.is_empty() {
+            true => "no stable motion".into(),
+            false => {
+                format!("stable for {} = {} {}", self.key, spans.join(", "), self.unit()).trim_end().into()
+            }
+        }
     }
 }
 
@@ -173,12 +185,7 @@ impl fmt::Display for BranchReport {
         let unit = self.unit();
         let value = |value: f64| significant_digits(value, 5);
         writeln!(f, "{}", self.title)?;
-        let spans: Vec<String> =
-            self.stable().iter().map(|[low, high]| format!("{} to {}", value(*low), value(*high))).collect();
-        match spans.is_empty() {
-            true => writeln!(f, "  no stable motion")?,
-            false => writeln!(f, "  stable for {} = {} {unit}", self.key, spans.join(", "))?,
-        }
+        writeln!(f, "  {}", self.stability())?;
         let points: Vec<&BranchRow> = self.rows.iter().filter(|row| row.point.is_some()).collect();
         if !points.is_empty() {
             let mut columns = TableColumns::default();

@@ -33,7 +33,13 @@ fn runs_lie_on_the_branch_and_jump_at_its_folds() {
     for file in ["branch.json", "plots/branch.png", "plots/multipliers.svg"] {
         assert!(folder.join("branch").join(file).is_file(), "{file}");
     }
+    // Its page has both folds, and is no foreign file.
+    let said = succeeds(&rebond(&folder, &["report", "branch"]));
+    let page = fs::read_to_string(folder.join("branch/report.html")).unwrap();
     let branch = rows(&folder.join("branch/branch.csv"));
+    assert!(said.contains(&format!("({} rows, 2 pictures", branch.len())), "{said}");
+    assert_eq!(page.matches(">fold</td>").count(), 2 * 2);
+    assert!(page.contains("rebond continue scene.toml --over frequency=20..26 --out again"));
     let folds: Vec<f64> =
         branch.iter().filter(|row| row["point"] == "fold").map(|row| number(row, "frequency")).collect();
     let [upper, lower] = folds[..] else { panic!("{} folds", folds.len()) };

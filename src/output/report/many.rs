@@ -1,4 +1,5 @@
-//! Page of a sweep or a study: pictures, the table of runs, the scene, how to make it again.
+//! Page of a sweep, a study or a branch: pictures, the table of runs, the scene, how to make it
+//! again.
 
 use super::html::{again_by, escaped, parts, section, sortable};
 use super::scene_text::scene_text;
@@ -27,11 +28,13 @@ document.getElementById("save")?.addEventListener("click", () => {
 document.documentElement.dataset.ready = "yes";
 "#;
 
-/// Content of the page of many runs, from the files of a sweep's or a study's folder.
+/// Content of the page of many runs, from the files of their folder.
 #[derive(Debug)]
 pub struct ManyRuns<'r> {
-    /// Kind of folder: "sweep" or "study", as in the command that made it.
+    /// Kind of folder: a sweep, a study or a branch.
     pub kind: &'static str,
+    /// Arguments of `rebond` that make it again from its scene.
+    pub again: &'r str,
     /// Title of the scene.
     pub title: &'r str,
     /// Version of the program that made the runs.
@@ -107,12 +110,12 @@ impl RunTable {
     }
 }
 
-/// Returns the page of a sweep or a study.
+/// Returns the page of many runs.
 ///
 /// # Errors
 /// Returns an error where the scene has no form in TOML.
 pub fn page_of_many(runs: &ManyRuns) -> io::Result<String> {
-    let ManyRuns { kind, title, version, command, hash, scene, remarks, pictures, tables } = *runs;
+    let ManyRuns { kind, again, title, version, command, hash, scene, remarks, pictures, tables } = *runs;
     let shown = if title.is_empty() { format!("A {kind} of rebond") } else { escaped(title) };
     let mut body = format!(
         "<header><h1>{shown}</h1>\n<p class=\"soft\">Report of a {kind} by rebond {}</p></header>\n<main>\n",
@@ -129,7 +132,7 @@ pub fn page_of_many(runs: &ManyRuns) -> io::Result<String> {
     }
     if scene.is_object() {
         body += &section("scene", "", "The scene", &parts(scene, "scene.toml"));
-        let commands = format!("rebond {kind} scene.toml --out again\nrebond report again");
+        let commands = format!("rebond {again} --out again\nrebond report again");
         body += &again_by(&commands, [version, hash], scene, &scene_text(scene)?);
     }
     let made = format!("<pre>{}</pre>", escaped(command));
