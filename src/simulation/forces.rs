@@ -1,4 +1,4 @@
-//! Forces and impulses by obstacle and named support, at every step.
+//! Forces and impulses by obstacle, ball and named support, at every step.
 
 use super::contacts::ContactTotal;
 use super::effects::{Attribution, Wrench};
@@ -113,7 +113,7 @@ impl SupportRecord {
     }
 }
 
-/// Recorder of the forces of named supports and all obstacles, the same on all processes.
+/// Recorder of the forces of named supports, all obstacles and balls, the same on all processes.
 pub(super) struct ForceRecorder {
     /// Name of each named support.
     supports: Vec<String>,
@@ -122,7 +122,7 @@ pub(super) struct ForceRecorder {
     at_nodes: Vec<f64>,
     /// Obstacles behind the bounds; `None` where nothing can touch.
     attribution: Option<Attribution>,
-    /// Name of each obstacle, and whether the scene gives it.
+    /// Name of each obstacle, then of each ball, and whether the scene gives it.
     obstacles: Vec<(String, bool)>,
     records: Vec<ObstacleRecord>,
     /// Sums over the nodes of all ranks, [`SUMS`] per obstacle, at the last step.
@@ -138,7 +138,8 @@ impl ForceRecorder {
             Some(name) => (name.clone(), true),
             None => (format!("obstacle_{}", k + 1), false),
         };
-        let obstacles: Vec<_> = scene.obstacles.iter().enumerate().map(name).collect();
+        let balls = (1..=scene.attachments.balls.len()).map(|number| (format!("ball_{number}"), false));
+        let obstacles: Vec<_> = scene.obstacles.iter().enumerate().map(name).chain(balls).collect();
         let supports: Vec<_> = scene.supports.iter().filter_map(|support| support.name.clone()).collect();
         ForceRecorder {
             reactions: vec![SupportRecord::default(); supports.len()],
@@ -239,6 +240,9 @@ impl ForceRecorder {
         let is_event_driven = scene.time.scheme.capabilities().is_event_driven;
         let sums = sums[TOTALS..].as_chunks::<SUMS>().0;
         for (obstacle, (&[force, impulse, nodes], record)) in sums.iter().zip(records).enumerate() {
+            // The reaction at a gap acts on the ball.
+            let sign = if obstacle < scene.obstacles.len() { 1.0 } else { -1.0 };
+            let (force, impulse) = (sign * force, sign * impulse);
             record.add(force, impulse, time);
             for event in events {
                 if attribution.obstacle(event.bound, towards(event)) == Some(obstacle) {

@@ -263,6 +263,8 @@ fn a_ball_slows_down_as_on_an_infinite_plate() {
     assert!((time - 1e-4).abs() < 1e-7 && (velocity + 0.626).abs() < 1e-6, "{time} s, {velocity} m/s");
     assert_near(run.at(5e-4, "centre"), sunk, 0.02);
     assert_near(run.at(5e-4, "contact_force"), 0.626 * 0.5 / tau * (-4e-4 / tau).exp(), 0.05);
+    let impulse = run.summary["forces"]["ball_1"]["impulse"].as_f64().unwrap();
+    assert_near(impulse, -0.626 * 0.5 * (1.0 - (-4e-4 / tau).exp()), 0.02);
 }
 
 #[test]

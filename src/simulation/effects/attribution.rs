@@ -18,7 +18,7 @@ use crate::simulation::DeflectionDof;
 #[derive(Clone)]
 pub(in crate::simulation) struct Attribution {
     /// Index of the nearest obstacle below and above, one entry per bound; `None` where there is
-    /// none, as at the gap of a ball.
+    /// none. The ball of a gap counts on after the obstacles, on both sides.
     nearest: Vec<[Option<usize>; 2]>,
     /// All obstacles with the bounds that they affect, where the nearest changes in time on any
     /// process; empty otherwise.
@@ -47,8 +47,11 @@ impl Attribution {
         let counts = counts.as_flattened().iter().zip(moves.as_flattened());
         let is_contested = counts.into_iter().any(|(count, moves)| *count > 1 && *moves);
         let is_contested = ground.comm().all_reduce_any(is_contested);
-        let mut attribution = Attribution { nearest: Vec::new(), contested };
-        ground.comm().all_ok(attribution.find(0.0, bounded.len()))?;
+        let nodes = ground.mesh.nodes.len();
+        let ball = |site: &DeflectionDof| Some(ground.scene.obstacles.len() + site.node.checked_sub(nodes)?);
+        let nearest = bounded.iter().map(|site| [ball(site); 2]).collect();
+        let mut attribution = Attribution { nearest, contested };
+        ground.comm().all_ok(attribution.find(0.0))?;
         if !is_contested {
             attribution.contested.clear();
         }
@@ -63,14 +66,11 @@ impl Attribution {
         if self.contested.is_empty() {
             return Ok(());
         }
-        let bounds = self.nearest.len();
-        comm.all_ok(self.find(time, bounds))
+        comm.all_ok(self.find(time))
     }
 
-    fn find(&mut self, time: f64, bounds: usize) -> Result<()> {
-        let mut best = vec![[f64::NEG_INFINITY, f64::INFINITY]; bounds];
-        self.nearest.clear();
-        self.nearest.resize(bounds, [None; 2]);
+    fn find(&mut self, time: f64) -> Result<()> {
+        let mut best = vec![[f64::NEG_INFINITY, f64::INFINITY]; self.nearest.len()];
         for (number, obstacle) in &self.contested {
             let mut heights = vec![0.0; obstacle.points.len()];
             obstacle.height.values(&obstacle.points, time, &mut heights)?;
@@ -80,7 +80,7 @@ impl Attribution {
                     Side::Below => height > best[bound][side],
                     Side::Above => height < best[bound][side],
                 };
-                if is_nearer || self.nearest[bound][side].is_none() {
+                if is_nearer || best[bound][side].is_infinite() {
                     (best[bound][side], self.nearest[bound][side]) = (height, Some(*number));
                 }
             }
@@ -88,8 +88,8 @@ impl Attribution {
         Ok(())
     }
 
-    /// Returns the index of the obstacle that exerts a reaction (N, or an impulse in N s) at a
-    /// bound; `None` for the reaction of a ball.
+    /// Returns the index of the obstacle or, after all obstacles, of the ball that exerts a
+    /// reaction (N, or an impulse in N s) at a bound.
     pub fn obstacle(&self, bound: usize, reaction: f64) -> Option<usize> {
         self.nearest[bound][usize::from(reaction < 0.0)]
     }
