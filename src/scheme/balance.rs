@@ -43,6 +43,8 @@ pub struct StepBalance {
     pub acceleration: Vec<f64>,
     /// Rate of u that dashpots act on, in m/s, one entry per dof; empty without dashpots.
     pub rates: Vec<f64>,
+    /// Moments of friction, in N m, one entry per bound; `None` where no rank has friction.
+    pub friction: Option<Vec<[f64; 2]>>,
     /// Stretching of the mesh and loads that depend on the deflection; empty without either.
     pub followed: Vec<ForcesOfDeflection>,
     /// Instants (s) of the time-dependent loads, and their weights.
@@ -63,6 +65,7 @@ impl StepBalance {
             displacement: vec![0.0; system.engine.dofs()],
             acceleration: vec![0.0; system.engine.velocities(&system.mass)],
             rates: if system.drive.dashpots.is_some() { vec![0.0; system.engine.dofs()] } else { Vec::new() },
+            friction: system.drive.friction.as_ref().map(|_| vec![[0.0; 2]; system.bounds.len()]),
             followed: Vec::new(),
             loads: Vec::new(),
             places: motions.clone(),
@@ -131,6 +134,8 @@ impl StepBalance {
         axpy(weight, &other.displacement, &mut self.displacement);
         axpy(weight, &other.acceleration, &mut self.acceleration);
         axpy(weight, &other.rates, &mut self.rates);
+        let moments = self.friction.iter_mut().flatten().zip(other.friction.iter().flatten());
+        moments.for_each(|(sum, moment)| axpy(weight, moment, sum));
         self.loads.extend(other.loads.iter().map(|(time, share)| (*time, weight * share)));
         for forces in &other.followed {
             let [stretching, load] = [weight * forces.stretching, weight * forces.load];
@@ -167,6 +172,9 @@ impl StepBalance {
         archive.vector(VectorKind::Velocities, &mut self.acceleration)?;
         if !self.rates.is_empty() {
             archive.vector(VectorKind::Dofs, &mut self.rates)?;
+        }
+        if let Some(moments) = &mut self.friction {
+            archive.items(VectorKind::Bounds, moments, |moment| *moment, |moment| moment)?;
         }
         let mut followed = self.followed.len();
         archive.value(&mut followed)?;

@@ -15,7 +15,7 @@ use super::drive::ModalDamping;
 use super::feedback::Feedback;
 use super::quadratisation::{RankOne, RootSearch};
 use super::sliding::Sliding;
-use super::{StepRecord, System};
+use super::{StepBalance, StepRecord, System};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
@@ -211,6 +211,13 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let add =
             |friction: &mut CoulombFriction| friction.add_step(engine, |dof| to[dof] - from[dof], gamma);
         self.friction.as_mut().map_or([0.0; 2], add)
+    }
+
+    /// Sets the moments of friction of a balance to those of the last step.
+    pub fn balance_friction(&self, balance: &mut StepBalance) {
+        if let (Some(friction), Some(moments)) = (&self.friction, &mut balance.friction) {
+            friction.write_moments(moments);
+        }
     }
 
     /// Returns the friction at this rank's nodes that touched in the last step.

@@ -462,12 +462,21 @@ fn conserving_steps_converge_on_a_belt_that_turns() {
     assert!(errors.iter().all(|[_, of_heat]| *of_heat < 2e-4), "{errors:?}");
 }
 
-/// At rest on a moving belt, load, obstacle, friction and wall turn the plate by nothing.
+/// At rest on a moving belt, load, obstacle, friction and supports turn the plate by nothing, be it
+/// that a support holds the slope of the nodes that touch.
 #[test]
 fn moments_of_friction_count_in_the_balance() {
+    for method in [METHODS[0], METHODS[3], METHODS[4]] {
+        balance_of_moments(method, "");
+        balance_of_moments(method, "{ edge = \"right\", kind = \"guided\", name = \"guide\" }, ");
+    }
+}
+
+fn balance_of_moments(method: (&str, &str), guide: &str) {
     let text = strip("fvs", "where = \"x > 0.95\", friction = 0.3, velocity = [-1, 0]", "-10");
     let text = text.replace("output.probes", "damping = { mass = 30.0 }\noutput.probes");
-    let scene = scene(&(text + &time(METHODS[0], 2e-3, 4.0)));
+    let text = text.replace("support = [", &format!("support = [{guide}"));
+    let scene = scene(&(text + &time(method, 2e-3, 4.0)));
     let model = Model::new(&scene).unwrap();
     let mut last = Vec::new();
     struct Last<'l>(&'l mut Vec<f64>);
@@ -484,7 +493,8 @@ fn moments_of_friction_count_in_the_balance() {
     // Each of the two corners of the tip has half of the friction; the load's centre is at 0.5.
     let of_friction = 2.0 * last[columns.len() + 2];
     let turning = value("force_floor") * 1.0 - 10.0 * 0.1 * 0.5 + of_friction;
-    let of_wall = ["moment_x_wall", "moment_y_wall"].map(|name| value(name).abs());
+    let names = ["moment_y_wall", "moment_y_guide"].into_iter().take(if guide.is_empty() { 1 } else { 2 });
+    let of_supports: f64 = names.map(value).sum();
     assert!(of_friction.abs() > 1e-4);
-    assert!((turning.abs() - of_wall[0].max(of_wall[1])).abs() < 1e-9, "{turning} {of_wall:?}");
+    assert!((turning - of_supports).abs() < 1e-9, "{method:?}, {guide}: {turning} {of_supports}");
 }

@@ -105,6 +105,7 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         if let (Some(modal), Some(damped)) = (&drive.modal, &self.driver.damped) {
             balance.add_modal_damping(system, modal, damped)?;
         }
+        self.driver.balance_friction(&mut balance);
         self.instants.balance(time, &mut balance);
         Ok(balance)
     }

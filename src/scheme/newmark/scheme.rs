@@ -229,6 +229,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
             balance.rates.get_mut(i).into_iter().for_each(|damped| *damped = rate);
         }
         engine.project(mass, &inertia, &mut balance.acceleration)?;
+        self.driver.balance_friction(&mut balance);
         if let (Some(modal), Some(damped)) = (&drive.modal, &self.driver.damped) {
             balance.add_modal_damping(system, modal, damped)?;
         }

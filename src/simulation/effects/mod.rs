@@ -207,6 +207,6 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     if heights.vary() && ground.comm().all_reduce_any(bounded > 0) {
         system.drive.bounds = Some(Box::new(move |t, bounds: &mut Bounds| heights.set(t, bounds)));
     }
-    let reactions = Reactions::new(ground, &system, &loads, &lifts)?;
+    let reactions = Reactions::new(ground, &system, &loads, &lifts, &sites[..bounded])?;
     Ok(Effects { system, start, lifts, sites, places, attribution, reactions, mechanism, warnings, seconds })
 }

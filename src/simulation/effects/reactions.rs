@@ -24,6 +24,7 @@ use crate::mesh::Point;
 use crate::partition::Partition;
 use crate::scene::SupportKind;
 use crate::scheme::{ForcesOfDeflection, StepBalance, System};
+use crate::simulation::DeflectionDof;
 use crate::simulation::regions::supports;
 use std::rc::Rc;
 
@@ -99,6 +100,8 @@ pub(in crate::simulation) struct Reactions {
     /// Inertia of each mode of the modal mass at the held nodes; empty for other masses.
     modes: Vec<Vec<f64>>,
     lifts: Vec<HeldLift>,
+    /// Bound and node of each place with friction.
+    frictional: Vec<[usize; 2]>,
     /// Forces of stretching at all nodes of this process for a displacement over the dofs, three
     /// per node; `None` for a plate that only bends. Collective.
     stretching: Option<Box<ForceAtNodes>>,
@@ -124,6 +127,7 @@ impl Reactions {
         system: &System<E>,
         loads: &Loads<P>,
         lifts: &[Lift],
+        bounded: &[DeflectionDof],
     ) -> Result<Option<Reactions>> {
         let BuildContext { scene, mesh, partition, terms, .. } = ground;
         if scene.supports.iter().all(|support| support.name.is_none()) {
@@ -157,6 +161,10 @@ impl Reactions {
             masses: terms.masses().cloned().collect(),
             modes: Vec::new(),
             lifts: Vec::new(),
+            frictional: {
+                let nodes = system.drive.friction.iter().flat_map(|friction| &friction.nodes);
+                nodes.map(|node| [node.bound, bounded[node.bound].node]).collect()
+            },
             stretching: NodalEnergy::new(ground).map(|energy| {
                 let at_nodes: Box<ForceAtNodes> = Box::new(move |u| energy.at_nodes(u));
                 at_nodes
@@ -224,6 +232,14 @@ impl Reactions {
                 let push = at_nodes(*time, displacement)?;
                 axpy(-load, &self.rows(|force| force.copy_from_slice(&push)), &mut force);
             }
+        }
+        if let Some(moments) = &balance.friction {
+            let of_friction = self.rows(|force| {
+                for &[bound, node] in &self.frictional {
+                    force[PER_NODE * node + 1..][..2].copy_from_slice(&moments[bound]);
+                }
+            });
+            axpy(-1.0, &of_friction, &mut force);
         }
         for (k, lift) in self.lifts.iter().enumerate() {
             axpy(self.stretch(k, damping.stiffness, balance), &lift.force, &mut force);
