@@ -10,7 +10,7 @@ use std::path::Path;
 /// Name of the file in the run folder.
 pub const FILE: &str = "summary.json";
 
-/// Writes a value as indented JSON, whole or not at all (see [`write_whole`]).
+/// Writes a value as indented JSON, whole or not at all (see [`super::write_atomic`]).
 ///
 /// NaN and infinity, which JSON lacks, become `null`.
 pub fn write_json(path: &Path, value: &impl Serialize) -> Result<()> {

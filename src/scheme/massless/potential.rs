@@ -33,9 +33,9 @@
 //! # Friction
 //!
 //! Where nodes touch with friction, the massless rest remembers: U at the end of a step is the
-//! minimiser for which the moments obey the law of [`super::coulomb`], for the slip of the slopes
-//! since the start of the step. Slopes that stick keep their place, and the moments of slopes that
-//! slide follow their reactions.
+//! minimiser for which the moments obey Coulomb's law, for the slip of the slopes since the start
+//! of the step (`scheme/coulomb.rs`). Slopes that stick keep their place, and the moments of slopes
+//! that slide follow their reactions.
 //!
 //! # Computing U(p)
 //!
