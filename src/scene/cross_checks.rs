@@ -273,12 +273,14 @@ fn check_sliders(doc: &Document, scene: &Scene) -> Result<()> {
         _ => None,
     };
     wrong.map_or(Ok(()), |(key, wrong)| Err(doc.fault(key, wrong)))?;
-    check_friction(doc, scene, ["a ", "[[slider]]", "whose anchor is the ground"])
+    check_friction(doc, scene, ["a ", "[[slider]]"])?;
+    let wrong = || "contradicts [[slider]], whose anchor is the ground; expected supports at rest".to_owned();
+    scene.motions().next().map_or(Ok(()), |motion| Err(doc.fault(&motion.key, wrong())))
 }
 
 /// Refuses what dry friction excludes, by a slider or by an obstacle: its table or key, with an
-/// article before it, and what it needs supports at rest for.
-fn check_friction(doc: &Document, scene: &Scene, [article, subject, ground]: [&str; 3]) -> Result<()> {
+/// article before it.
+fn check_friction(doc: &Document, scene: &Scene, [article, subject]: [&str; 2]) -> Result<()> {
     let wrong = match scene.time.scheme {
         scheme if scheme.restitution().is_some_and(|e| e > 0.0) => Some((
             "time.restitution",
@@ -290,11 +292,7 @@ fn check_friction(doc: &Document, scene: &Scene, [article, subject, ground]: [&s
         )),
         _ => None,
     };
-    if let Some((key, wrong)) = wrong {
-        return Err(doc.fault(key, wrong));
-    }
-    let wrong = || format!("contradicts {subject}, {ground}; expected supports at rest");
-    scene.motions().next().map_or(Ok(()), |motion| Err(doc.fault(&motion.key, wrong())))
+    wrong.map_or(Ok(()), |(key, wrong)| Err(doc.fault(key, wrong)))
 }
 
 /// Refuses what the friction of obstacles excludes, and velocities that nothing feels.
@@ -318,7 +316,7 @@ fn check_friction_of_obstacles(doc: &Document, scene: &Scene) -> Result<()> {
         let others = "expected \"newmark\", \"midpoint\" or \"conserving\"";
         return Err(doc.fault("time.scheme", format!("\"{name}\" takes no {key}; {others}")));
     }
-    check_friction(doc, scene, ["", &key, "whose slip is relative to a plate on the ground"])
+    check_friction(doc, scene, ["", &key])
 }
 
 /// Refuses combinations that the scheme does not support.

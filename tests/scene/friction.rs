@@ -23,7 +23,6 @@ fn friction_is_read_written_and_refused() {
         ("time.restitution = 0.5", "time.restitution: makes the node of obstacle.0.friction rebound"),
         ("time.mass = \"modal\"", "time.mass: \"modal\" takes no obstacle.0.friction"),
         ("obstacle.0.friction = -0.1", "obstacle.0.friction: -0.1 is negative"),
-        ("support.0.motion = \"0.01*sin(t)\"", "support.0.motion: contradicts obstacle.0.friction"),
         ("in_plane.stretching = true", "obstacle.0.friction: contradicts in_plane.stretching"),
     ] {
         let overrides = [more.replacen(" = ", "=", 1)];

@@ -2,6 +2,7 @@
 
 use super::ground::BuildContext;
 use super::heights::opposites;
+use super::motion::Lift;
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::element::quadrature::GAUSS_4;
@@ -15,8 +16,8 @@ use crate::simulation::DeflectionDof;
 use crate::simulation::plate_assembly::PlateAssembly;
 use std::collections::BTreeMap;
 
-/// Returns the friction of the obstacles, given the dofs opposite to each; `None` where none has
-/// any. Collective.
+/// Returns the friction of the obstacles, given the dofs opposite to each and the motions of
+/// supports; `None` where none has any. Collective.
 ///
 /// # Errors
 /// Returns [`Error::Scene`] where an obstacle with friction shares a side of a node with another
@@ -25,6 +26,7 @@ pub(super) fn of_obstacles<P: Partition>(
     ground: &BuildContext<P>,
     opposite: &[Vec<usize>],
     bounded: &[DeflectionDof],
+    lifts: &[Lift],
 ) -> Result<Option<(ContactFriction, Option<String>)>> {
     if ground.scene.frictional_obstacle().is_none() {
         return Ok(None);
@@ -35,7 +37,8 @@ pub(super) fn of_obstacles<P: Partition>(
     let (nodes, points) = ground.comm().all_ok(facing)?;
     let obstacles = ground.scene.obstacles.len();
     let doubt = doubt(ground, &nodes, bounded);
-    let path = path_of_obstacles(ground, &nodes, points);
+    let of_obstacles = path_of_obstacles(ground, &nodes, points);
+    let path = path_with_lifts(of_obstacles, lifts, &nodes, bounded);
     Ok(Some((ContactFriction { nodes, obstacles, path }, doubt)))
 }
 
@@ -148,7 +151,7 @@ fn path_of_obstacles<P: Partition>(
     velocities.iter().flatten().flatten().find(|component| !component.is_zero())?;
     let obstacles: Vec<[Option<usize>; 2]> =
         nodes.iter().map(|node| node.sides.map(|side| side.map(|side| side.obstacle))).collect();
-    Some(Box::new(move |node, side, [from, to]| {
+    Some(Box::new(move |node: usize, side: usize, [from, to]: [f64; 2]| {
         let velocity = obstacles[node][side].and_then(|obstacle| velocities[obstacle].as_ref());
         let Some(velocity) = velocity else { return Ok([0.0; 2]) };
         let mut path = [0.0; 2];
@@ -164,6 +167,37 @@ fn path_of_obstacles<P: Partition>(
                     0.5 * (to - from) * sum
                 }
             };
+        }
+        Ok(path)
+    }))
+}
+
+/// Returns the paths of the obstacles as the plate sees them in the frame of moving supports, whose
+/// shape turns its faces; the paths themselves where the plate only moves rigidly.
+fn path_with_lifts(
+    of_obstacles: Option<Box<PathOfObstacle>>,
+    lifts: &[Lift],
+    nodes: &[FrictionalNode],
+    bounded: &[DeflectionDof],
+) -> Option<Box<PathOfObstacle>> {
+    // Displacement of the lower and the upper face at a node by a motion of 1 m, dimensionless.
+    let of_faces = |lift: &Lift, node: &FrictionalNode| {
+        let slopes = [1, 2].map(|component| lift.shape[PER_NODE * bounded[node.bound].node + component]);
+        let [below, above] = node.sides.map(|side| side.map_or(0.0, |side| side.arm));
+        [below, -above].map(|arm| slopes.map(|slope| arm * slope))
+    };
+    let faces = |lift: &Lift| nodes.iter().map(|node| of_faces(lift, node)).collect::<Vec<_>>();
+    let bent = lifts.iter().filter(|lift| !lift.is_rigid);
+    let lifts: Vec<_> = bent.map(|lift| (lift.motion.clone(), faces(lift))).collect();
+    if lifts.is_empty() {
+        return of_obstacles;
+    }
+    Some(Box::new(move |node, side, times| {
+        let mut path = of_obstacles.as_ref().map_or(Ok([0.0; 2]), |path| path(node, side, times))?;
+        for (motion, faces) in &lifts {
+            let [from, to] = times.map(|time| motion.at(Point::origin(), time));
+            let way = to? - from?;
+            path.iter_mut().zip(faces[node][side]).for_each(|(path, face)| *path -= way * face);
         }
         Ok(path)
     }))

@@ -178,7 +178,7 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
     let (sites, bounded) = heights::sites(ground, &opposite, &sliders);
     let heights = Heights::new(ground, &opposite, &sites[..bounded], &sliders, &lifts)?;
     system.drive.sliders = sliders::bounded(ground, &sliders, &sites[..bounded]);
-    if let Some((friction, doubt)) = friction::of_obstacles(ground, &opposite, &sites[..bounded])? {
+    if let Some((friction, doubt)) = friction::of_obstacles(ground, &opposite, &sites[..bounded], &lifts)? {
         system.drive.friction = Some(friction);
         warnings.extend(doubt);
     }
