@@ -414,12 +414,13 @@ fn friction_on_a_belt() {
         );
         agree(&format!("friction-{scheme}"), &scene, true);
         // Ranks that face no obstacle take part all the same, in the turn by a moving support too.
+        let moved = r#"{ at = [0.24, 0.2], kind = "simply_supported", motion = "2e-4*sin(300*t)" }"#;
         let at_tip = scene
             .replace(r#"{ side = "below", height = -0.003, where = "x < 0.5" },"#, "")
             .replace("x > 0.5", "x > 1.1")
             .replace("x > 0.7", "x > 1.1")
             .replace("end = 0.024", "end = 0.012")
-            .replace("\"clamped\" }", "\"clamped\" }, { at = [0.24, 0.2], kind = \"simply_supported\", motion = \"2e-4*sin(300*t)\" }");
+            .replace("\"clamped\" }", &format!("\"clamped\" }}, {moved}"));
         agree(&format!("friction-at-the-tip-{scheme}"), &at_tip, true);
     }
 }
