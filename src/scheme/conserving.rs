@@ -86,10 +86,10 @@
 //!
 //! Where nodes touch with friction, a state also has the moments m of the massless rest, which
 //! obey Coulomb's law for the slip from the state before, see [`super::Potential`]. The moments of
-//! the midpoint do the work `$m_{1/2} \cdot (\nabla w_\gamma - \nabla w_0)$`, and E must return to
-//! `$E_0$` and this work: that of the obstacles' motion less the heat. Where contacts last and each
-//! node sticks or slides on in one direction, this is the change of E at gamma = 1, and the step
-//! costs no search. Sliding that turns is relaxed like a change of contact.
+//! the midpoint do the work `$m_{1/2} \cdot (\nabla w_\gamma - \nabla w_0)$`, which is the work of
+//! the obstacles' motion less the heat, and E must return to `$E_0$` plus this work. Where contacts
+//! last and each node sticks or slides on in one direction, gamma = 1 does so, and the step costs
+//! no search. Sliding that turns is relaxed like a change of contact.
 //!
 //! # Forces that depend on the deflection
 //!

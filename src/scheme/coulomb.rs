@@ -26,9 +26,9 @@
 //!
 //! The moments do the work `$m \cdot (s + b/a)$` in a step: the obstacle's motion puts in
 //! `$m \cdot b/a$`, and `$-m \cdot s$` becomes heat. For the midpoint rule both are exact, and the heat
-//! is never negative while the slopes go straight on. Newmark's scheme has the moment of an instant
-//! work along `$\tfrac12 (U^{n+1} - U^{n-1})$`, and the heat of a step is the mean of two instants:
-//! it balances the energy to rounding, too, but may be negative by a little where a node turns
+//! is never negative while the slopes go straight on. In Newmark's scheme the moment of an instant
+//! works along `$\tfrac12 (U^{n+1} - U^{n-1})$`. The heat of a step is the mean of its two instants,
+//! which balances the energy to rounding, too, and may be negative by a little where a node turns
 //! round.
 
 use crate::archive::{Archive, VectorKind};
@@ -463,16 +463,10 @@ impl<'s> CoulombFriction<'s> {
     }
 
     /// Adds work and heat of a part of a step with constant moments to the ledger, given the
-    /// displacement over it by dof, in m. Returns both, of all obstacles, in J. Collective.
-    pub fn add_step<E: Engine>(
-        &mut self,
-        engine: &E,
-        displacement: impl Fn(usize) -> f64,
-        part: f64,
-    ) -> [f64; 2] {
+    /// displacement over it by dof, in m. Collective.
+    pub fn add_step<E: Engine>(&mut self, engine: &E, displacement: impl Fn(usize) -> f64, part: f64) {
         let sums = self.exchange(engine, displacement, |node| self.path(node).map(|path| part * path));
-        self.ledger.iter_mut().zip(&sums).for_each(|(total, sum)| total[0] += sum);
-        [sums[0], sums[1..].iter().sum()]
+        self.ledger.iter_mut().zip(sums).for_each(|(total, sum)| total[0] += sum);
     }
 
     /// Returns the work of the obstacles' motion less the heat, in J, over a displacement by dof
@@ -482,8 +476,8 @@ impl<'s> CoulombFriction<'s> {
         engine.comm().all_reduce_sum(self.states.iter().enumerate().map(work).sum())
     }
 
-    /// Extends the moments `from` of a state (N m, one entry per bound) through those of the step
-    /// from it, whose bounded configuration is the midpoint, to the fraction gamma of the step.
+    /// Extends the moments `from` of a state (N m, one entry per bound) to the fraction gamma of
+    /// the step from it, in a straight line through the moments of its midpoint.
     /// Returns whether they obey the law there, with reactions in N, where all slopes go straight
     /// on. Collective.
     pub fn extend(

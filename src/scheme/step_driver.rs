@@ -204,16 +204,15 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         self.friction.as_ref().map_or(Vec::new(), |friction| friction.stuck_slopes(dt))
     }
 
-    /// Adds work and heat of friction over a part gamma of a step between two displacements (m)
-    /// to the ledger. Returns both, in J. Collective.
-    pub fn add_friction(&mut self, gamma: f64, [from, to]: [&[f64]; 2]) -> [f64; 2] {
+    /// Adds the work and the heat of friction to the ledger, for the part gamma of a step that
+    /// leads from one displacement to another (m). Collective.
+    pub fn add_friction(&mut self, gamma: f64, [from, to]: [&[f64]; 2]) {
         let engine = &self.system.engine;
-        let add =
-            |friction: &mut CoulombFriction| friction.add_step(engine, |dof| to[dof] - from[dof], gamma);
-        self.friction.as_mut().map_or([0.0; 2], add)
+        let friction = self.friction.iter_mut();
+        friction.for_each(|friction| friction.add_step(engine, |dof| to[dof] - from[dof], gamma));
     }
 
-    /// Sets the moments of friction of a balance to those of the last step.
+    /// Writes the moments of friction in the last step into a balance.
     pub fn balance_friction(&self, balance: &mut StepBalance) {
         if let (Some(friction), Some(moments)) = (&self.friction, &mut balance.friction) {
             friction.write_moments(moments);

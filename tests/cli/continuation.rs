@@ -33,7 +33,7 @@ fn runs_lie_on_the_branch_and_jump_at_its_folds() {
     for file in ["branch.json", "plots/branch.png", "plots/multipliers.svg"] {
         assert!(folder.join("branch").join(file).is_file(), "{file}");
     }
-    // Its page has both folds, and is no foreign file.
+    // The page of the branch lists both folds.
     let said = succeeds(&rebond(&folder, &["report", "branch"]));
     let page = fs::read_to_string(folder.join("branch/report.html")).unwrap();
     let branch = rows(&folder.join("branch/branch.csv"));

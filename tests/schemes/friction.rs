@@ -309,7 +309,7 @@ fn the_tip_of_a_strip_dissipates_the_friction_along_its_tilt() {
 }
 
 /// A root that turns: it lies on two supports, one of which moves, and the tip is held down.
-/// The heat is that of the tilt of the whole plate, of which the supports turn a part.
+/// The face slides by the tilt of the whole plate, of which the supports turn a part.
 #[test]
 fn a_root_that_turns_drags_the_tip_over_the_obstacle() {
     for method in [METHODS[0], METHODS[3], METHODS[4]] {
