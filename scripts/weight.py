@@ -72,7 +72,7 @@ CAPABILITIES = {
     "Periodic motions": ["continuation", "scheme/modal/return_map.rs"],
     "Friction of obstacles": [
         "vi/coulomb.rs",
-        "scheme/coulomb.rs",
+        "scheme/coulomb",
         "simulation/effects/friction.rs",
         "simulation/frictional_probes.rs",
     ],

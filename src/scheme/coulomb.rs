@@ -31,17 +31,19 @@
 //! which balances the energy to rounding, too, and may be negative by a little where a node turns
 //! round.
 
+mod compliances;
+
 use crate::archive::{Archive, VectorKind};
 use crate::communicator::Communicator;
 use crate::contact_law::ContactLaw;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::linalg::vectors::largest;
-use crate::linalg::{Engine, Factor, LinearCombination};
+use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::coulomb::{CoulombProblem, law_error};
+use compliances::ContactCompliances;
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
-use std::collections::{HashMap, HashSet};
 use std::fmt;
 
 /// Largest number of rounds in a step: its own problem, then the moments.
@@ -52,9 +54,6 @@ const EAGER_ROUNDS: u32 = 20;
 const CLOSE: f64 = 1e-13;
 /// Relative error of the law that ends them once a round does not halve it.
 const ACCEPTED: f64 = 1e-11;
-/// Largest number of unknowns of the dense problem, reactions and two moments per node, and of the
-/// columns that are kept for it.
-const MOST_UNKNOWNS: usize = 3000;
 /// Compliance that every slope has beside its own, relative to the largest one, since supports may
 /// hold it.
 const HELD: f64 = 1e-13;
@@ -175,19 +174,6 @@ pub(super) struct CoulombFriction<'s> {
     ledger: Vec<[f64; 2]>,
 }
 
-/// Inverse of the step matrix in the directions of the bounds and of the slopes: the columns of
-/// unit forces that were needed so far, of all ranks.
-struct ContactCompliances {
-    factor: Option<Box<dyn Factor>>,
-    /// Dof and part of each direction of this rank: first the bounds, then two slopes per node;
-    /// `None` where a support holds it.
-    directions: Vec<Option<(usize, f64)>>,
-    /// Number of bounds.
-    bounds: usize,
-    /// Columns by rank and direction of the unit force, each with an entry per direction here.
-    columns: HashMap<[usize; 2], Vec<f64>>,
-}
-
 impl<'s> CoulombFriction<'s> {
     /// Prepares steps with a matrix, whose bounded configuration lies after a share of the step.
     ///
@@ -215,7 +201,7 @@ impl<'s> CoulombFriction<'s> {
             weight: 1.0,
             steepest: 0.0,
             rho: given.nodes.iter().map(rho).collect(),
-            compliance: ContactCompliances::new(bounds, &given.nodes),
+            compliance: ContactCompliances::new(bounds, given.nodes.iter().flat_map(|node| node.slopes)),
             ledger: vec![[0.0; 2]; 1 + given.obstacles],
         })
     }
@@ -334,7 +320,7 @@ impl<'s> CoulombFriction<'s> {
     /// rounds. Returns the number of iterations. Collective.
     ///
     /// # Errors
-    /// Returns [`Error::Usage`] where too many nodes touch, and the errors of the engine.
+    /// Returns [`crate::Error::Usage`] where too many nodes touch, and the errors of the engine.
     fn solve_moments<E: Engine>(
         &mut self,
         engine: &E,
@@ -596,7 +582,7 @@ impl<'s> CoulombFriction<'s> {
     /// Saves or restores the moments and the ledger.
     ///
     /// # Errors
-    /// Returns [`Error::Checkpoint`] where the archive does not fit.
+    /// Returns [`crate::Error::Checkpoint`] where the archive does not fit.
     pub fn archive(&mut self, bounds: usize, archive: &mut Archive) -> Result<()> {
         let mut states = vec![NodeState::default(); bounds];
         for (node, state) in self.given.nodes.iter().zip(&self.states) {
@@ -647,71 +633,4 @@ fn softness(bounds: &Bounds, bound: usize, x: &[f64], reaction: &[f64]) -> Optio
     let depth = bounds.depth(bound, usize::from(r < 0.0), x[bounds.dofs[bound]]);
     let stiffness = law.linearised(depth, r.abs()).stiffness;
     (stiffness > 0.0).then(|| 1.0 / stiffness)
-}
-
-impl ContactCompliances {
-    /// Prepares the compliance at bounds and at the slopes of nodes.
-    fn new(bounds: &Bounds, nodes: &[FrictionalNode]) -> ContactCompliances {
-        let deflections = bounds.dofs.iter().map(|&dof| Some((dof, 1.0)));
-        let directions = deflections.chain(nodes.iter().flat_map(|node| node.slopes)).collect();
-        ContactCompliances { factor: None, directions, bounds: bounds.len(), columns: HashMap::new() }
-    }
-
-    /// Returns the directions of the slopes of a node, along x and y.
-    fn slopes(&self, node: usize) -> [usize; 2] {
-        [0, 1].map(|axis| self.bounds + 2 * node + axis)
-    }
-
-    /// Gathers directions of all ranks, each with its rank before it. Collective.
-    fn everywhere(comm: &impl Communicator, local: &[usize]) -> Vec<[usize; 2]> {
-        comm.all_gather(&local.iter().map(|&direction| [comm.rank(), direction]).collect::<Vec<_>>())
-    }
-
-    /// Solves for the columns of some directions that are not there yet. Collective.
-    fn extend<E: Engine>(
-        &mut self,
-        engine: &E,
-        matrix: &LinearCombination,
-        directions: &[[usize; 2]],
-    ) -> Result<()> {
-        if directions.len() > MOST_UNKNOWNS {
-            return Err(Error::Usage(format!(
-                "obstacle.friction: {} reactions and moments act at once, more than the {MOST_UNKNOWNS} that friction is \
-                 solved for; expected a coarser mesh, or obstacles that fewer nodes touch",
-                directions.len()
-            )));
-        }
-        let fresh = directions.iter().filter(|direction| !self.columns.contains_key(*direction)).count();
-        if self.columns.len() + fresh > MOST_UNKNOWNS {
-            let wanted: HashSet<&[usize; 2]> = directions.iter().collect();
-            self.columns.retain(|direction, _| wanted.contains(direction));
-        }
-        for &[rank, direction] in directions {
-            if self.columns.contains_key(&[rank, direction]) {
-                continue;
-            }
-            let factor = match &mut self.factor {
-                Some(factor) => factor,
-                none => none.insert(engine.factor(matrix, &[])?),
-            };
-            let mut x = vec![0.0; engine.dofs()];
-            if rank == engine.comm().rank() {
-                self.directions[direction].iter().for_each(|&(dof, part)| x[dof] = part);
-            }
-            factor.solve(&mut x)?;
-            let along = |direction: &Option<(usize, f64)>| direction.map_or(0.0, |(dof, part)| part * x[dof]);
-            self.columns.insert([rank, direction], self.directions.iter().map(along).collect());
-        }
-        Ok(())
-    }
-
-    /// Returns a block of the compliance over some columns; `rows` are this rank's share of its
-    /// rows. Collective.
-    fn block(&self, comm: &impl Communicator, rows: &[usize], columns: &[[usize; 2]]) -> Mat<f64> {
-        let kept: Vec<&Vec<f64>> = columns.iter().map(|column| &self.columns[column]).collect();
-        let part: Vec<f64> =
-            rows.iter().flat_map(|&row| kept.iter().map(move |column| column[row])).collect();
-        let (entries, height) = (comm.all_gather(&part), comm.all_reduce_sum(rows.len()));
-        Mat::from_fn(height, columns.len(), |i, j| entries[i * columns.len() + j])
-    }
 }
