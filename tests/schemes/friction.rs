@@ -345,6 +345,32 @@ fn a_root_that_turns_drags_the_tip_over_the_obstacle() {
     }
 }
 
+/// With a constant force N at a tip that slides all the time, its heat per cycle is
+/// `4 mu N (h/2) Theta`, where Theta is the amplitude of its tilt.
+#[test]
+fn a_turned_root_costs_4_mu_n_arm_theta_per_cycle() {
+    let turned = "support = [{ edge = \"left\", kind = \"simply_supported\" }, \
+                  { at = [0.125, 0], kind = \"simply_supported\", motion = \"5e-3*sin(3*t)\" }, \
+                  { at = [0.125, 0.1], kind = \"simply_supported\", motion = \"5e-3*sin(3*t)\" }]\n\
+                  load.force = [{ at = [1, 0], value = -100 }, { at = [1, 0.1], value = -100 }]\n\
+                  damping.mass = 30.0\n";
+    for method in [METHODS[0], METHODS[3], METHODS[4]] {
+        let text = strip("fvs", "where = \"x > 0.95\", friction = 0.003", "0");
+        let text = text.lines().filter(|line| !line.starts_with("support") && !line.starts_with("load"));
+        let text = text.collect::<Vec<_>>().join("\n") + "\n" + turned;
+        let cycle = 2.0 * PI / 3.0;
+        let [before, after] = [3.0, 4.0].map(|cycles| {
+            let (rows, outcome) = run_to_end(&(text.clone() + &time(method, cycle / 1000.0, cycles * cycle)));
+            let tilts = rows[rows.len() - 1000..].iter().map(|row| row.probes[1]);
+            let [least, most] = [f64::min, f64::max].map(|of_two| tilts.clone().reduce(of_two).unwrap());
+            (outcome.dissipated["floor"], 0.5 * (most - least))
+        });
+        let expected = 4.0 * 0.003 * 200.0 * 0.005 * after.1;
+        let heat = after.0 - before.0;
+        assert!((heat / expected - 1.0).abs() < 2e-3, "{method:?}: {heat} {expected}");
+    }
+}
+
 const RAMP: &str = "-50*(1 - cos(2*t))";
 const DAMPED: &str = "damping.mass = 20.0\n";
 
@@ -372,6 +398,47 @@ fn an_endless_coefficient_holds_the_slopes_and_none_is_not_there() {
         let mut stuck = rows(", friction = 100", DAMPED);
         stuck.iter_mut().for_each(|row| row.probes.truncate(1));
         same(&stuck, &held, 1e-9);
+    }
+}
+
+/// A strip ends in a rigid plate that lies with its middle on a belt: an inertia I on a spring
+/// `k = 12 EI/l^3 (a^2 + a l + l^2/3)`, where a is the half length of the plate, l the length of the
+/// strip. From rest it slips, sticks when it is as fast as the belt, slips again at M/k, and comes
+/// up with the belt once in each period.
+#[test]
+fn a_plate_on_a_belt_sticks_and_slips_as_a_rotating_mass() {
+    const BELT: f64 = 2.5e-3;
+    let text = "plate = { length = 1, width = 0.1, thickness = 0.01, youngs_modulus = 12e6, \
+                poissons_ratio = 0, density = 1 }\n\
+                part = [{ where = \"x > 0.5\", thickness = 0.1, density = 1000 }]\n\
+                support = [{ edge = \"left\", kind = \"clamped\" }]\n\
+                obstacle = [{ side = \"below\", height = 0, where = \"abs(x - 0.75) < 0.06\", \
+                friction = 0.02, velocity = [2.5e-3, 0] }]\n\
+                load.force = [{ at = [0.75, 0], value = -20 }, { at = [0.75, 0.1], value = -20 }]\n\
+                output.every = 1\n\
+                output.probes = [{ name = \"tilt\", at = [0.75, 0], quantity = \"slope_x\" }]\n";
+    let spring = 12.0 * 0.1 / 0.125 * (0.0625 + 0.125 + 0.25 / 3.0);
+    let angle = 0.02 * 40.0 * 0.05 / spring;
+    let rate = BELT / 0.05;
+    for method in METHODS {
+        // With the singular mass each cell of the rigid plate is a point at its centre.
+        let inertia = match method.1 {
+            "singular" => 5.0 * (0.0625_f64.powi(2) + 0.1875_f64.powi(2)) / 2.0,
+            _ => 5.0 * 0.25 / 12.0,
+        };
+        let omega = (spring / inertia).sqrt();
+        let sticks_at = (rate / (omega * angle)).asin() / omega;
+        let stuck = angle * (1.0 - (omega * sticks_at).cos());
+        let slips_at = sticks_at + (angle - stuck) / rate;
+        let exact = |t: f64| match t {
+            t if t < sticks_at => angle * (1.0 - (omega * t).cos()),
+            t if t < slips_at => stuck + rate * (t - sticks_at),
+            t => angle + rate / omega * (omega * (t - slips_at)).sin(),
+        };
+        let rows = run(&[text, &grid("fvs", 8, 1), &time(method, 1e-3, 6.0)].concat());
+        let errors = rows.iter().map(|row| (row.probes[0] - exact(row.time)).abs() / angle);
+        let error = errors.fold(0.0, f64::max);
+        assert!(slips_at > 2.0 * sticks_at && error < 0.02, "{method:?}: {error}");
     }
 }
 
