@@ -143,7 +143,7 @@ struct Oscillator<'f> {
 }
 
 impl Oscillator<'_> {
-    const STEPS: usize = 1000;
+    const STEPS: usize = 2000;
 
     /// Returns the state after a period of a frequency, in Hz.
     fn pass(&self, frequency: f64, mut z: [f64; 2]) -> [f64; 2] {
@@ -313,26 +313,32 @@ fn a_strip_against_a_stop_doubles_its_period() {
     assert_eq!(rows.iter().filter(stable).count(), rows.len());
 }
 
-/// A run that has settled between springs moves as the branch tells, with contact and several
-/// modes.
+/// Runs that have settled between springs move as the branch tells, with contact and several
+/// modes, on the large and on the small motion of one frequency.
 #[test]
 fn runs_settle_on_the_branch() {
+    const STEPS: usize = 2000;
     let stops = "obstacle = [{ side = \"below\", height = -1e-3, where = \"x > 0.16\", stiffness = 1e5 }, \
-                 { side = \"above\", height = 1e-3, where = \"x > 0.16\", stiffness = 1e5 }]\ndamping.mass = 20\n";
-    let text = |frequency: f64| strip("fvs", 6, &(pressure(30.0, frequency) + stops));
-    let frequency = 21.5;
-    let branch = |steps: usize| {
-        let rows = driven(text, |frequency| 1.0 / frequency, [frequency, 21.6], [1, steps], 1.0);
-        assert!(rows[0].contacts == 2 && rows[0].stable);
-        rows[0].amplitude(0)
-    };
-    let settled = |steps: usize| {
-        let step = 1.0 / (frequency * steps as f64);
-        let timing = format!("step = {step:?}, end = {:?}", 60.0 / frequency);
+                 { side = \"above\", height = 1e-3, where = \"x > 0.16\", stiffness = 1e5 }]\n";
+    let mut large = 0;
+    // Frequency in Hz, tip at the start in m, pressure in Pa, damping in 1/s.
+    for (frequency, start, amplitude, damping) in
+        [(21.5, 0.0, 30.0, 20.0), (23.0, 0.0, 14.0, 6.0), (23.0, -2e-3, 14.0, 6.0)]
+    {
+        let given =
+            format!("{stops}damping.mass = {damping:?}\n[initial]\ndeflection = \"{start:?}*(x/0.2)^2\"\n");
+        let text = |frequency: f64| strip("fvs", 6, &(pressure(amplitude, frequency) + &given));
+        let range = [frequency, frequency + 0.02];
+        let row = &driven(text, |frequency| 1.0 / frequency, range, [1, STEPS], 1.0)[0];
+        assert!(row.stable);
+        large += usize::from(row.contacts == 2);
+        let step = 1.0 / (frequency * STEPS as f64);
+        let timing = format!("step = {step:?}, end = {:?}", 900.0 / damping / frequency);
         let rows = run(&text(frequency).replace("step = 1e-5, end = 1e-5", &timing));
-        let last = rows[rows.len() - steps..].iter().map(|row| row.probes[0]);
+        let last = rows[rows.len() - STEPS..].iter().map(|row| row.probes[0]);
         let [low, high] = last.fold([0.0_f64; 2], |[low, high], tip| [low.min(tip), high.max(tip)]);
-        0.5 * (high - low)
-    };
-    close("half the range", settled(2000), branch(2000), 1e-6);
+        let name = format!("half the range at {frequency} Hz from {start} m");
+        close(&name, 0.5 * (high - low), row.amplitude(0), 1e-6);
+    }
+    assert_eq!(large, 2);
 }

@@ -402,7 +402,7 @@ fn an_endless_coefficient_holds_the_slopes_and_none_is_not_there() {
 }
 
 /// A strip ends in a rigid plate that lies with its middle on a belt: an inertia I on a spring
-/// `k = 12 EI/l^3 (a^2 + a l + l^2/3)`, where a is the half length of the plate, l the length of the
+/// `k = 12 EI/l^3 (a^2 + a l + l^2/3)`, a half the length of the plate, l the length of the
 /// strip. From rest it slips, sticks when it is as fast as the belt, slips again at M/k, and comes
 /// up with the belt once in each period.
 #[test]
