@@ -1,6 +1,7 @@
 //! Starts and ends of the commands that run on several ranks.
 
 use crate::communicator::Communicator;
+use crate::distributed;
 use crate::error::{Error, Result};
 use crate::hash;
 use crate::output::checkpoint::Identity;
@@ -66,7 +67,9 @@ pub(super) fn ended(context: &Context, ended: Result<()>) -> Result<()> {
 
 /// Names the user's options of the linear solver beside an error that these may have caused.
 fn with_options(context: &Context, error: Error) -> Error {
-    let options = context.solver_options().unwrap_or_default();
+    let options =
+        ["", distributed::IN_PLANE].map(|prefix| context.solver_options(prefix).unwrap_or_default());
+    let options = options.join(" ").trim().to_owned();
     match error {
         Error::Singular(words) if !options.is_empty() => Error::Singular(format!(
             "{words}; but first try without {options}, options of a linear solver that may be too inaccurate"

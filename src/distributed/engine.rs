@@ -1,12 +1,13 @@
 //! Linear algebra over all ranks: products cell by cell, factors by substructures or by PETSc.
 
+use super::assembled::assembled;
 use super::exchange::DofExchange;
-use super::factor::{PetscFactor, SystemSolver};
+use super::factor::{PetscFactor, SolverKind, SystemSolver};
 use super::hierarchy::Hierarchy;
 use super::part::Part;
 use super::products::{CellOperator, CellProducts};
 use super::replicated::ReplicatedFactor;
-use super::substructure::{INTERFACE, MOST_ENTRIES, Substructure, SubstructuredFactor};
+use super::substructure::{Substructure, SubstructuredFactor};
 use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::{Error, Result};
@@ -19,16 +20,12 @@ use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use faer::Mat;
 use std::borrow::Cow;
 use std::cell::Cell;
-use std::ops::Range;
 use std::rc::Rc;
 
 /// Prefix of the options of the solver whose factor counts eigenvalues, and the options with which
 /// MUMPS counts negative pivots, on any number of ranks.
 const COUNT: &str = "count_";
 const COUNTING: [&str; 2] = ["mat_mumps_icntl_13", "mat_mumps_icntl_24"];
-
-/// Number of parts in which the rows of a matrix are added up.
-const PARTS: usize = 8;
 
 /// Linear algebra over all ranks: products cell by cell, factors by substructures or by PETSc.
 ///
@@ -167,30 +164,7 @@ impl Distributed {
     /// Assembles the matrix of a linear combination of forms, as a sum of the matrices of the
     /// ranks' cells where the solver needs them by themselves. Collective.
     fn symmetric_matrix(&self, sum: &LinearCombination, of_subdomains: bool) -> Result<Matrix> {
-        // The cells contribute many times as many entries as the matrix has, and PETSc keeps a
-        // record of all that it is given. They are therefore added up, some rows at a time. Values
-        // follow once PETSc has taken the places of all, so that both are not in memory at once.
-        let local = self.global.len();
-        let parts = (0..PARTS).map(|part| local * part / PARTS..local * (part + 1) / PARTS);
-        let mut count = 0;
-        let (mut rows, mut columns) = (Vec::new(), Vec::new());
-        for range in parts.clone() {
-            for (row, entries) in range.clone().zip(self.rows(sum, range)) {
-                count += entries.len();
-                rows.extend(std::iter::repeat_n(self.global[row], entries.len()));
-                columns.extend(entries.into_iter().map(|(column, _)| column));
-            }
-        }
-        let dofs: Vec<Index> = self.global.iter().copied().filter(|&dof| dof >= 0).collect();
-        let (sizes, dofs) = ([self.owned; 2], of_subdomains.then_some(&dofs[..]));
-        let mut matrix = Matrix::from_pattern(&self.context, Comm::World, sizes, [rows, columns], dofs)?;
-        let mut values = Vec::with_capacity(count);
-        for range in parts {
-            values.extend(self.rows(sum, range).into_iter().flatten().map(|(_, value)| value));
-        }
-        matrix.set_values(&values)?;
-        drop(values);
-        matrix.without_triplets()
+        assembled(&self.context, (&self.global, self.owned), sum, of_subdomains)
     }
 
     /// Factors a sum of forms with twice the digits, in full on each rank. Collective.
@@ -209,52 +183,19 @@ impl Distributed {
         sum: &LinearCombination,
         contact_dofs: &[usize],
     ) -> Result<Box<dyn Factor>> {
-        if let SystemSolver::Substructures = linear {
-            let most = self.context.count(INTERFACE)?.unwrap_or(MOST_ENTRIES);
-            let diagonal = self.diagonal(sum)?;
-            if let Some(factor) = SubstructuredFactor::new(&self.part, sum, &diagonal, contact_dofs, most)? {
+        if let SolverKind::Substructures = linear.kind {
+            let factor = SubstructuredFactor::new(&self.part, sum, contact_dofs, &self.context)?;
+            if let Some(factor) = factor {
                 return Ok(Box::new(factor));
             }
         }
-        let mut matrix = self.symmetric_matrix(sum, matches!(linear, SystemSolver::Subdomains))?;
+        let mut matrix = self.symmetric_matrix(sum, matches!(linear.kind, SolverKind::Subdomains))?;
         matrix.set_positive_definite()?;
         if linear.method() == LinearMethod::Iterative {
             self.prepare_for_algebraic_multigrid(&mut matrix)?;
         }
         let operator = CellOperator::new(&self.products, self.owned, sum);
-        Ok(Box::new(PetscFactor::new(&self.plex, matrix, operator, linear, self.solves.clone())?))
-    }
-
-    /// Returns the contributions of this rank's cells to some rows of a linear combination of
-    /// forms, given by local dofs: columns in global vectors, ascending, and values.
-    fn rows(&self, sum: &LinearCombination, range: Range<usize>) -> Vec<Vec<(Index, f64)>> {
-        let mut entries = vec![Vec::new(); range.len()];
-        for (scale, form) in sum.terms() {
-            form.for_each_lower(|row, column, value| {
-                let mut add = |row: usize, column: usize| {
-                    if range.contains(&row) && self.global[row] >= 0 && self.global[column] >= 0 {
-                        entries[row - range.start].push((self.global[column], scale * value));
-                    }
-                };
-                add(row, column);
-                if row != column {
-                    add(column, row);
-                }
-            });
-        }
-        for row in &mut entries {
-            // Equal columns stay in the order of the terms and cells.
-            row.sort_by_key(|(column, _)| *column);
-            row.dedup_by(|next, kept| {
-                let is_same = next.0 == kept.0;
-                if is_same {
-                    kept.1 += next.1;
-                }
-                is_same
-            });
-            row.shrink_to_fit();
-        }
-        entries
+        Ok(Box::new(PetscFactor::new(&self.context, matrix, operator, linear, self.solves.clone())?))
     }
 }
 
@@ -337,7 +278,7 @@ impl Engine for Distributed {
     }
 
     fn factor(&self, sum: &LinearCombination, contact_dofs: &[usize]) -> Result<Box<dyn Factor>> {
-        let linear = SystemSolver::new(&self.context, self.hierarchy.as_ref())?;
+        let linear = SystemSolver::new(&self.context, "", self.hierarchy.as_ref())?;
         let is_direct = linear.method() == LinearMethod::Direct;
         let factor = self.factor_in_doubles(linear, sum, contact_dofs);
         let is_indefinite = matches!(factor, Err(Error::Singular(_)));

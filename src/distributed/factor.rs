@@ -6,7 +6,7 @@ use super::products::CellOperator;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{BoundedDofs, CascadeFactor, Factor, LinearMethod, LinearSolves};
-use crate::petsc::{Comm, Context, Index, Ksp, Matrix, MultigridLevels, Operator, Plex, Vector};
+use crate::petsc::{Comm, Context, Index, Ksp, Matrix, MultigridLevels, Operator, Vector};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
@@ -54,13 +54,13 @@ impl PetscFactor {
     /// Factors a matrix over the dofs of a mesh, by the solver that the options choose.
     /// Collective.
     pub(super) fn new(
-        plex: &Plex,
+        context: &Rc<Context>,
         matrix: Matrix,
         cells: Option<CellOperator>,
         linear: SystemSolver,
         solves: Rc<Cell<LinearSolves>>,
     ) -> Result<PetscFactor> {
-        let context = plex.context().clone();
+        let context = context.clone();
         solves.set(LinearSolves { method: linear.method(), ..solves.get() });
         let cells = cells
             .filter(|_| linear.method() != LinearMethod::Direct)
@@ -70,8 +70,8 @@ impl PetscFactor {
         let solver_held =
             if linear.method() == LinearMethod::Multigrid { held.clone() } else { Rc::default() };
         let operator = operator(&context, cells.as_ref(), &matrix, &solver_held)?;
-        let (solver, levels) = solver(&context, &matrix, operator, linear.hierarchy())?;
-        let (right, solution) = (plex.global_vector()?, plex.global_vector()?);
+        let (solver, levels) = solver((&context, linear.prefix), &matrix, operator, linear.hierarchy())?;
+        let (right, solution) = (matrix.vector()?, matrix.vector()?);
         Ok(PetscFactor {
             cells,
             solver,
@@ -121,9 +121,16 @@ impl PetscFactor {
     }
 }
 
-/// Solver of linear systems that the options choose.
+/// Solver of linear systems that the options with a prefix choose.
 #[derive(Clone)]
-pub(super) enum SystemSolver {
+pub(super) struct SystemSolver {
+    prefix: &'static str,
+    pub kind: SolverKind,
+}
+
+/// Kind of a solver of linear systems.
+#[derive(Clone)]
+pub(super) enum SolverKind {
     /// Our own factors of the ranks' cells and of their interface.
     Substructures,
     /// Factorisation by PETSc.
@@ -137,35 +144,40 @@ pub(super) enum SystemSolver {
 }
 
 impl SystemSolver {
-    /// Returns the solver that the options choose, by default multigrid on a mesh with a hierarchy.
-    /// Collective.
+    /// Returns the solver that the options with a prefix choose, by default multigrid on a mesh
+    /// with a hierarchy. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Usage`] where the user asks for a package that corrupts memory.
-    pub fn new(context: &Rc<Context>, hierarchy: Option<&Rc<Hierarchy>>) -> Result<SystemSolver> {
-        let solver = Ksp::new(context, Comm::World, "")?;
-        Ok(match (solver.is_multigrid()?, hierarchy) {
-            (None | Some(true), Some(hierarchy)) => SystemSolver::Multigrid(hierarchy.clone()),
-            _ if context.solver_options()?.is_empty() => SystemSolver::Substructures,
-            _ if solver.is_direct()? => SystemSolver::Direct,
-            _ if solver.needs_subdomains()? => SystemSolver::Subdomains,
-            _ => SystemSolver::Iterative,
-        })
+    pub fn new(
+        context: &Rc<Context>,
+        prefix: &'static str,
+        hierarchy: Option<&Rc<Hierarchy>>,
+    ) -> Result<SystemSolver> {
+        let solver = Ksp::new(context, Comm::World, prefix)?;
+        let kind = match (solver.is_multigrid()?, hierarchy) {
+            (None | Some(true), Some(hierarchy)) => SolverKind::Multigrid(hierarchy.clone()),
+            _ if context.solver_options(prefix)?.is_empty() => SolverKind::Substructures,
+            _ if solver.is_direct()? => SolverKind::Direct,
+            _ if solver.needs_subdomains()? => SolverKind::Subdomains,
+            _ => SolverKind::Iterative,
+        };
+        Ok(SystemSolver { prefix, kind })
     }
 
     /// Returns the method.
     pub fn method(&self) -> LinearMethod {
-        match self {
-            SystemSolver::Substructures | SystemSolver::Direct => LinearMethod::Direct,
-            SystemSolver::Multigrid(_) => LinearMethod::Multigrid,
-            SystemSolver::Subdomains | SystemSolver::Iterative => LinearMethod::Iterative,
+        match &self.kind {
+            SolverKind::Substructures | SolverKind::Direct => LinearMethod::Direct,
+            SolverKind::Multigrid(_) => LinearMethod::Multigrid,
+            SolverKind::Subdomains | SolverKind::Iterative => LinearMethod::Iterative,
         }
     }
 
     /// Returns the hierarchy of multigrid.
     fn hierarchy(&self) -> Option<&Rc<Hierarchy>> {
-        match self {
-            SystemSolver::Multigrid(hierarchy) => Some(hierarchy),
+        match &self.kind {
+            SolverKind::Multigrid(hierarchy) => Some(hierarchy),
             _ => None,
         }
     }
@@ -194,12 +206,12 @@ fn operator(
 /// Creates a solver of a matrix, or of the operator in its place, and factors the matrix; given
 /// a hierarchy, multigrid preconditions it.
 fn solver(
-    context: &Rc<Context>,
+    (context, prefix): (&Rc<Context>, &str),
     matrix: &Matrix,
     operator: Option<Operator>,
     hierarchy: Option<&Rc<Hierarchy>>,
 ) -> Result<(Ksp, Option<MultigridLevels>)> {
-    let mut solver = Ksp::new(context, Comm::World, "")?;
+    let mut solver = Ksp::new(context, Comm::World, prefix)?;
     let levels = match hierarchy {
         Some(hierarchy) => {
             let interpolations = hierarchy.interpolations();
@@ -258,7 +270,7 @@ impl Factor for PetscFactor {
         held.set_positive_definite()?;
         held.share_near_null_space(&self.matrix)?;
         let operator = operator(&self.context, self.cells.as_ref(), &self.matrix, &self.held)?;
-        let (solver, _) = solver(&self.context, &held, operator, None)?;
+        let (solver, _) = solver((&self.context, self.linear.prefix), &held, operator, None)?;
         self.pinned = Some((held, solver));
         Ok(())
     }

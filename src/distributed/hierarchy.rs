@@ -85,6 +85,20 @@ impl Hierarchy {
         Ok(Hierarchy { steps, smoother })
     }
 
+    /// Returns the interpolation of two fields on the same meshes, each by itself; no dofs are
+    /// shared. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
+    pub(super) fn of_two(first: &Hierarchy, second: &Hierarchy) -> Result<Hierarchy> {
+        let step = |(first, second): (&Step, &Step)| {
+            let interpolation = Matrix::block_diagonal(&first.interpolation, &second.interpolation)?;
+            Ok(Step { interpolation, shared: Vec::new() })
+        };
+        let steps = first.steps.iter().zip(&second.steps).map(step).collect::<Result<_>>()?;
+        Ok(Hierarchy { steps, smoother: first.smoother })
+    }
+
     /// Returns the number of levels.
     pub fn levels(&self) -> usize {
         self.steps.len() + 1

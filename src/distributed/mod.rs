@@ -4,10 +4,12 @@
 //! all parts: products cell by cell, factors by substructures or by PETSc.
 //! [`MeshPart`] relates the dofs and nodes of a part to the engine and to the other ranks.
 
+mod assembled;
 mod cascade;
 mod engine;
 mod exchange;
 mod factor;
+mod fields;
 mod hierarchy;
 mod mesh_part;
 mod own_mesh;
@@ -18,6 +20,7 @@ mod substructure;
 
 pub use engine::Distributed;
 pub use factor::PetscFactor;
+pub use fields::IN_PLANE;
 pub use hierarchy::Hierarchy;
 pub use mesh_part::MeshPart;
 pub use own_mesh::sum_at_nodes;

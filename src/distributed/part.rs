@@ -36,7 +36,9 @@ pub struct Part {
     pub owns: Vec<bool>,
     /// Local index of each extra dof, on the one rank that has it.
     pub extra: Vec<Option<usize>>,
-    /// Interpolation from the meshes that the refinement has passed, where they are kept.
+    /// Meshes that the refinement has passed, coarsest first, where they are kept.
+    pub(super) passed: Rc<Vec<(Plex, Refinement)>>,
+    /// Interpolation from these meshes, where they are kept.
     pub hierarchy: Option<Rc<Hierarchy>>,
 }
 
@@ -164,7 +166,7 @@ impl Part {
         } else {
             None
         };
-        Ok(Part { plex, mesh, space, holds, owns, extra, hierarchy })
+        Ok(Part { plex, mesh, space, holds, owns, extra, passed: passed.into(), hierarchy })
     }
 }
 

@@ -20,17 +20,17 @@ use super::products::CellProducts;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{Cholesky, Engine, Factor, LinearCombination, SchurFactor, assemble, lower_triangle};
-use crate::petsc::{Index, WorldComm};
+use crate::petsc::{Context, Index, WorldComm};
 use faer::Mat;
 use faer::sparse::SparseColMat;
 use std::rc::Rc;
 
 /// Largest number of entries of the Schur complements of all ranks, 0.5 GB, for which every rank
 /// factors the interface for itself, unless the option [`INTERFACE`] says.
-pub(super) const MOST_ENTRIES: usize = 1 << 26;
+const MOST_ENTRIES: usize = 1 << 26;
 
 /// Option with that number.
-pub(super) const INTERFACE: &str = "rebond_interface_entries";
+const INTERFACE: &str = "rebond_interface_entries";
 
 /// Factor over all ranks by substructures; see the [module page](self).
 pub struct SubstructuredFactor {
@@ -85,9 +85,8 @@ impl Substructure {
 }
 
 impl SubstructuredFactor {
-    /// Factors a sum of forms with the contact dofs (dofs that this rank owns, ascending) last,
-    /// given the diagonal of the sum at all dofs that this rank owns. Returns `None` where the
-    /// Schur complements of all ranks have more than `most` entries. Collective.
+    /// Factors a sum of forms with the contact dofs (dofs that this rank owns, ascending) last.
+    /// Returns `None` where the Schur complements of all ranks have too many entries. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Singular`] where rounding leaves no positive definite matrix and
@@ -95,11 +94,11 @@ impl SubstructuredFactor {
     pub(super) fn new(
         part: &Rc<Substructure>,
         sum: &LinearCombination,
-        diagonal: &[f64],
         contact_dofs: &[usize],
-        most: usize,
+        context: &Context,
     ) -> Result<Option<SubstructuredFactor>> {
         let Substructure { comm, products, .. } = &**part;
+        let most = context.count(INTERFACE)?.unwrap_or(MOST_ENTRIES);
         let is_own = |number: &usize| part.owned.binary_search(number).is_ok();
         let contact: Vec<usize> = contact_dofs.iter().map(|&dof| part.owned[dof]).collect();
         let kept = union(&part.shared, &contact);
@@ -114,9 +113,10 @@ impl SubstructuredFactor {
         let places: Vec<usize> = kept.iter().map(place).collect();
         let contact = comm.all_gather(&contact.iter().map(place).collect::<Vec<_>>());
 
-        let mut whole = vec![0.0; products.cells.dofs()];
-        products.exchange.spread(diagonal, &mut whole);
         let share = products.cells.diagonal(sum)?;
+        let (mut whole, mut diagonal) = (vec![0.0; share.len()], vec![0.0; part.owned.len()]);
+        products.add_up(&share, &mut diagonal);
+        products.exchange.spread(&diagonal, &mut whole);
         let mut others = vec![0.0; part.global.len()];
         for (local, number) in part.of_local.iter().enumerate() {
             number.iter().for_each(|&number| others[number] = whole[local] - share[local]);

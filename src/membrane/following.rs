@@ -2,6 +2,7 @@
 
 use super::forces::{DeadLoad, InPlaneDisplacement};
 use super::{MOST, Membrane, MembraneCell, QuarticForm, Spaces, StrainPoint};
+use crate::communicator::Communicator;
 use crate::element::adaptive::Rules;
 use crate::error::Result;
 use crate::kernels::wide::widest;
@@ -10,6 +11,7 @@ use crate::plate::Sections;
 use nalgebra::Vector3;
 use pulp::Arch;
 use std::cell::RefCell;
+use std::rc::Rc;
 
 /// Membrane whose displacement in the plane minimises the energy for a given deflection.
 pub struct FollowingMembrane {
@@ -23,8 +25,8 @@ impl FollowingMembrane {
         FollowingMembrane { membrane: membrane.into(), spaces }
     }
 
-    /// Returns the displacement in the plane for deflections and slopes at all nodes, three per
-    /// node.
+    /// Returns the displacement in the plane for deflections and slopes at the nodes of this
+    /// process, three per node. Collective.
     ///
     /// # Errors
     /// Returns the errors of the factor.
@@ -32,7 +34,7 @@ impl FollowingMembrane {
         Ok(InPlaneDisplacement::of(&self.spaces, &self.dofs(shape)?))
     }
 
-    /// Returns the free dofs of the displacement in the plane.
+    /// Returns the local dofs of the displacement in the plane.
     fn dofs(&self, shape: &[f64]) -> Result<Vec<f64>> {
         let mut membrane = self.membrane.borrow_mut();
         let mut dofs = vec![0.0; membrane.dofs];
@@ -49,12 +51,13 @@ impl FollowingMembrane {
                 }
             },
         );
-        membrane.factor.solve(&mut dofs)?;
+        membrane.solver.solve(&mut dofs)?;
         Ok(dofs)
     }
 
-    /// Adds the gradient of the energy V of stretching, for deflections and slopes at all nodes, to
-    /// `gradient`, three entries per node: in N for deflections. Returns V, in J.
+    /// Adds the gradient of the energy V of stretching, for deflections and slopes at the nodes of
+    /// this process, to `gradient`, three entries per node: in N for deflections. Returns V, in J.
+    /// Of both they are the part of this process's cells. Collective.
     ///
     /// # Errors
     /// Returns the errors of the factor.
@@ -84,12 +87,12 @@ impl FollowingMembrane {
         Ok(energy)
     }
 
-    /// Returns for each cell the places of deflections and slopes in the list for all nodes, and
-    /// the geometric stiffness of the force of stretching over them.
+    /// Returns for each cell the geometric stiffness of the force of stretching over its
+    /// deflections and slopes. Collective.
     ///
     /// # Errors
     /// Returns the errors of the factor.
-    pub fn geometric_stiffness(&self, shape: &[f64]) -> Result<Vec<(Vec<usize>, Vec<f64>)>> {
+    pub fn geometric_stiffness(&self, shape: &[f64]) -> Result<Vec<Rc<[f64]>>> {
         let dofs = self.dofs(shape)?;
         let cell = |cell: &MembraneCell| {
             let (bent, local) = (cell.local_shape(shape), cell.local(&dofs));
@@ -102,7 +105,7 @@ impl FollowingMembrane {
                     point.add_flux(flux(force, point.gradients.map(|gradient| gradient[i])), column);
                 }
             }
-            (cell.places.clone(), columns.iter().flat_map(|column| &column[..count]).copied().collect())
+            columns.iter().flat_map(|column| &column[..count]).copied().collect()
         };
         Ok(self.membrane.borrow().cells.iter().map(cell).collect())
     }
@@ -121,13 +124,13 @@ impl FollowingMembrane {
     /// Returns the errors of [`InPlaneDisplacement::new`].
     pub fn equilibrium(
         &self,
-        mesh: &Mesh,
+        part: (&Mesh, &impl Communicator),
         sections: &impl Sections,
         expansion: (&dyn Fn(usize, Point) -> Result<f64>, &Rules),
         loads: &[DeadLoad],
     ) -> Result<InPlaneDisplacement> {
         let mut membrane = self.membrane.borrow_mut();
-        InPlaneDisplacement::new(mesh, &self.spaces, &mut membrane, sections, expansion, loads)
+        InPlaneDisplacement::new(part, &self.spaces, &mut membrane, sections, expansion, loads)
     }
 }
 

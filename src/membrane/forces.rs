@@ -9,7 +9,8 @@
 //! for all v, with the strain of free expansion `$\epsilon_0 = \alpha T\, I$` and dead loads t on
 //! edges. Its membrane force is `$N = A : (\mathrm{sym}\, \nabla u - \epsilon_0)$`.
 
-use super::{Membrane, Spaces, points};
+use super::{Membrane, MembraneCell, Spaces, points};
+use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::element::adaptive::Rules;
 use crate::element::quadrature::{self, Node, Rule};
@@ -17,6 +18,7 @@ use crate::element::{Element, with_element};
 use crate::error::{Error, Result};
 use crate::linalg::vectors::largest;
 use crate::mesh::{Mesh, Point};
+use crate::partition::NodalField;
 use crate::plate::{Section, Sections};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
@@ -42,12 +44,13 @@ pub struct InPlaneDisplacement([Vec<f64>; 2]);
 
 impl InPlaneDisplacement {
     /// Returns the displacement in equilibrium, for a free strain of expansion at a point of a
-    /// cell, with other quadrature rules in some cells, and dead loads.
+    /// cell, with other quadrature rules in some cells, and dead loads on sides of this process.
+    /// Collective.
     ///
     /// # Errors
     /// Returns [`Error::Scene`] for loads that nothing carries, and the errors of the free strain.
     pub fn new(
-        mesh: &Mesh,
+        (mesh, comm): (&Mesh, &impl Communicator),
         spaces: &Spaces,
         membrane: &mut Membrane,
         sections: &impl Sections,
@@ -55,7 +58,7 @@ impl InPlaneDisplacement {
         loads: &[DeadLoad],
     ) -> Result<InPlaneDisplacement> {
         let mut force = vec![0.0; membrane.dofs];
-        for (number, cell) in membrane.cells.iter().enumerate() {
+        let mut expand = |(number, cell): (usize, &MembraneCell)| {
             // Elsewhere the rule of the stiffness, by which a linear temperature causes no stress.
             let rule = rules.get(&number).map_or((&quadrature::DEGREE_2).into(), |rule| Rule::Own(rule));
             let (places, points) = with_element!(&mesh.element(number)?, element => {
@@ -66,28 +69,33 @@ impl InPlaneDisplacement {
                 Ok(point.weighted([-strain, 0.0, -strain]))
             });
             cell.add_force(&points, &strains.collect::<Result<Vec<_>>>()?, &mut force);
-        }
-        require_carried(mesh, spaces, loads)?;
-        let shift = spaces.maps[0].dofs();
+            Ok(())
+        };
+        comm.all_ok(membrane.cells.iter().enumerate().try_for_each(&mut expand))?;
+        require_carried((mesh, comm), spaces, loads)?;
+        let shift = spaces.components[0].space.dofs();
         for DeadLoad { sides, force: traction, .. } in loads {
             for &[a, b] in sides {
                 for (node, place, share) in side_shares(mesh.nodes[b] - mesh.nodes[a], [a, b]) {
-                    for (component, map) in spaces.maps.iter().enumerate() {
-                        if let Some((dof, factor)) = map.dof(PER_NODE * node + place) {
+                    for (component, NodalField { space, .. }) in spaces.components.iter().enumerate() {
+                        if let Some((dof, factor)) = space.dof(PER_NODE * node + place) {
                             force[component * shift + dof] += factor * share * traction[component];
                         }
                     }
                 }
             }
         }
-        membrane.factor.solve(&mut force)?;
+        membrane.solver.solve(&mut force)?;
         Ok(InPlaneDisplacement::of(spaces, &force))
     }
 
-    /// Returns the displacement of free dofs.
-    pub(super) fn of(spaces: &Spaces, dofs: &[f64]) -> InPlaneDisplacement {
-        let (along, across) = dofs.split_at(spaces.maps[0].dofs());
-        InPlaneDisplacement([spaces.maps[0].shape(along), spaces.maps[1].shape(across)])
+    /// Returns the displacement of local dofs.
+    pub(super) fn of(
+        Spaces { components: [along, across], .. }: &Spaces,
+        dofs: &[f64],
+    ) -> InPlaneDisplacement {
+        let (x, y) = dofs.split_at(along.space.dofs());
+        InPlaneDisplacement([along.space.shape(x), across.space.shape(y)])
     }
 }
 
@@ -118,14 +126,6 @@ impl MembranePoint {
             gradients,
             stiffness: section.bending * (12.0 / section.thickness.powi(2)),
         })
-    }
-
-    /// Returns the point with other numbers of the nodes, given by the present ones.
-    pub fn renumbered(mut self, nodes: &[usize]) -> MembranePoint {
-        for place in &mut self.places {
-            *place = PER_NODE * nodes[*place / PER_NODE] + *place % PER_NODE;
-        }
-        self
     }
 
     /// Returns the gradient of a function given by its values at all nodes, three per node.
@@ -172,17 +172,23 @@ fn side_shares(side: Vector2<f64>, [a, b]: [usize; 2]) -> [(usize, usize, f64); 
     [(a, 0, half), (a, 1, turned.x), (a, 2, turned.y), (b, 0, half), (b, 1, -turned.x), (b, 2, -turned.y)]
 }
 
-/// Refuses loads with a resultant along a rigid motion that nothing holds.
-fn require_carried(mesh: &Mesh, spaces: &Spaces, loads: &[DeadLoad]) -> Result<()> {
+/// Refuses loads with a resultant along a rigid motion that nothing holds. Collective.
+fn require_carried(
+    (mesh, comm): (&Mesh, &impl Communicator),
+    spaces: &Spaces,
+    loads: &[DeadLoad],
+) -> Result<()> {
     let (mut resultant, mut sum) = (Vector3::zeros(), 0.0);
     for DeadLoad { sides, force: [x, y], .. } in loads {
         for &[a, b] in sides {
             let length = (mesh.nodes[b] - mesh.nodes[a]).norm();
-            let arm = (nalgebra::center(&mesh.nodes[a], &mesh.nodes[b]) - mesh.nodes[0]) / spaces.size;
+            let arm = (nalgebra::center(&mesh.nodes[a], &mesh.nodes[b]) - spaces.centre) / spaces.size;
             resultant += Vector3::new(*x, *y, arm.x * y - arm.y * x) * length;
             sum += x.hypot(*y) * length;
         }
     }
+    let [x, y, turn, sum] = comm.all_reduce_sum([resultant.x, resultant.y, resultant.z, sum]);
+    let resultant = Vector3::new(x, y, turn);
     let free: Vector3<f64> = spaces.free.iter().map(|motion| motion * motion.dot(&resultant)).sum();
     if free.norm() <= CARRIED * sum {
         return Ok(());

@@ -20,32 +20,35 @@ mod spaces;
 pub use following::FollowingMembrane;
 pub use forces::{DeadLoad, InPlaneDisplacement, MembranePoint};
 pub use quartic::{QuarticForm, Stretch};
-pub use spaces::{InPlaneHold, InPlaneSupport, Spaces, spaces};
+pub use spaces::{InPlaneHold, InPlaneSupport, Spaces};
 
-use crate::dof_map::{DofMap, PER_NODE};
+use crate::communicator::Communicator;
+use crate::dof_map::PER_NODE;
 use crate::element::quadrature::{self, Rule};
 use crate::element::{Element, with_element};
 use crate::error::{Error, Result};
-use crate::linalg::{CellClass, ElementMatrix, Engine, Factor, Native};
+use crate::linalg::{CellClass, ElementMatrix};
 use crate::mesh::Mesh;
+use crate::partition::{LocalSolver, NodalField, Partition};
 use crate::plate::Sections;
 use nalgebra::{Matrix3, Vector3};
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 use std::rc::Rc;
 
-/// Membrane of a plate, over the free dofs of both components of the displacement in the plane.
+/// Membrane of a plate, over the local dofs of both components of the displacement in the plane.
 pub struct Membrane {
+    /// Cells of this process.
     cells: Vec<MembraneCell>,
     dofs: usize,
-    factor: Box<dyn Factor>,
+    solver: Box<dyn LocalSolver>,
 }
 
 /// Cell of a membrane.
 struct MembraneCell {
     /// Place of each local deflection and slope in the list for all nodes, three per node.
     places: Vec<usize>,
-    /// Free dof of each local dof of both components, one after the other, with its factor.
+    /// Local dof of each value and slope of both components, one after the other, with its factor.
     dofs: Vec<Option<(usize, f64)>>,
     /// Points of the quadrature, which congruent cells of the same section share.
     points: Rc<[StrainPoint]>,
@@ -209,12 +212,17 @@ impl MembraneCell {
 }
 
 impl Membrane {
-    /// Creates the membrane of a mesh with the [spaces](spaces()) of both components.
+    /// Creates the membrane of a part of a mesh with the spaces of both components. Collective.
     ///
     /// # Errors
     /// Returns the errors of cells and sections, and [`Error::Singular`] where the spaces leave
     /// the plate free to move in its plane.
-    pub fn new(mesh: &Mesh, Spaces { maps, .. }: &Spaces, sections: &impl Sections) -> Result<Membrane> {
+    pub fn new<P: Partition>(
+        mesh: &Mesh,
+        Spaces { components, .. }: &Spaces,
+        sections: &impl Sections,
+        partition: &P,
+    ) -> Result<Membrane> {
         let (grain, mut congruent) = (mesh.grain(), HashMap::new());
         let cell = |number| {
             let class = (mesh.shape(number, grain), sections.kind(number).ok_or(number));
@@ -222,25 +230,29 @@ impl Membrane {
                 Entry::Occupied(class) => Rc::clone(class.get()),
                 Entry::Vacant(new) => new.insert(stiffness_points(mesh, number, sections)?.into()).clone(),
             };
-            Ok(cell(mesh, number, maps, points))
+            Ok(cell(mesh, number, components, points))
         };
-        let cells: Vec<MembraneCell> = (0..mesh.cells.len()).map(cell).collect::<Result<_>>()?;
-        let dofs = maps[0].dofs() + maps[1].dofs();
-        let engine = Native::new(dofs);
+        let cells: Result<Vec<MembraneCell>> = (0..mesh.cells.len()).map(cell).collect();
+        let cells = partition.comm().all_ok(cells)?;
+        let dofs = components.iter().map(|component| component.space.dofs()).sum();
         let blocks = cells.iter().enumerate().map(|(number, cell)| cell.stiffness(number)).collect();
-        let stiffness = engine.form(blocks);
-        let factor = engine.factor(&(&stiffness).into(), &[])?;
-        Ok(Membrane { cells, dofs, factor })
+        let solver = partition.factor_fields(mesh, components, blocks)?;
+        Ok(Membrane { cells, dofs, solver })
     }
 }
 
 /// Returns a cell of the membrane with its points.
-fn cell(mesh: &Mesh, number: usize, spaces: &[DofMap; 2], points: Rc<[StrainPoint]>) -> MembraneCell {
+fn cell(
+    mesh: &Mesh,
+    number: usize,
+    [along, across]: &[NodalField; 2],
+    points: Rc<[StrainPoint]>,
+) -> MembraneCell {
     let nodes = mesh.cells[number].nodes();
     let places: Vec<usize> = nodes.iter().flat_map(|node| PER_NODE * node..PER_NODE * (node + 1)).collect();
-    let shift = spaces[0].dofs();
-    let along = places.iter().map(|&place| spaces[0].dof(place));
-    let across = places.iter().map(|&place| spaces[1].dof(place));
+    let shift = along.space.dofs();
+    let along = places.iter().map(|&place| along.space.dof(place));
+    let across = places.iter().map(|&place| across.space.dof(place));
     let across = across.map(|dof| dof.map(|(dof, factor)| (shift + dof, factor)));
     let dofs = along.chain(across).collect();
     MembraneCell { places, dofs, points }

@@ -72,7 +72,7 @@ impl QuarticForm {
                 cell.add_force(&cell.points, &strains, displacements.col_as_slice_mut(p));
             }
         }
-        membrane.factor.solve_columns(&mut displacements)?;
+        membrane.solver.solve_columns(&mut displacements)?;
         let mut gram = Mat::zeros(pairs.len(), pairs.len());
         for cells in membrane.cells.chunks(CELLS) {
             let strains = strains(cells, shapes, &pairs, &displacements);

@@ -1,8 +1,10 @@
 //! Spaces of the displacement in the plane.
 
-use crate::dof_map::{DofMap, NodeConstraint, Support};
+use crate::communicator::Communicator;
+use crate::dof_map::{NodeConstraint, Support};
 use crate::error::{Error, Result};
 use crate::mesh::{Mesh, Point};
+use crate::partition::{NodalField, Partition};
 use nalgebra::{DMatrix, Matrix3, RowVector3, Vector3};
 
 /// Components of the displacement in the plane that a support along an edge holds.
@@ -32,23 +34,40 @@ const NONE: f64 = 1e-9;
 
 /// Spaces of the displacement in the plane.
 pub struct Spaces {
-    /// Spaces of the components along x and y, without the rigid motions that no support holds.
-    pub maps: [DofMap; 2],
+    /// Components along x and y, without the rigid motions that no support holds.
+    pub components: [NodalField; 2],
     /// Rigid motions that no support holds: translations along x and y and rotation about the
-    /// first node, in parts of the size of the plate.
+    /// centre, in parts of the size of the plate.
     pub free: Vec<Vector3<f64>>,
-    /// Largest distance between a node and the first node, in m: the unit of length of rotations.
+    /// First node in the order of x and y, about which the plate turns.
+    pub centre: Point,
+    /// Largest distance between a node and the centre, in m: the unit of length of rotations.
     pub size: f64,
 }
 
-/// Returns the spaces of both components. Rigid motions that no support holds, and that no strain
-/// sees, are left out.
-///
-/// # Errors
-/// Returns [`Error::Scene`] where the component normal to an oblique side is to be held.
-pub fn spaces(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<Spaces> {
-    let nothing = || vec![NodeConstraint::default(); mesh.nodes.len()];
-    let mut holds = [nothing(), nothing()];
+impl Spaces {
+    /// Returns the spaces of both components. Rigid motions that no support holds, and that no
+    /// strain sees, are left out. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Scene`] where the component normal to an oblique side is to be held.
+    pub fn new<P: Partition>(mesh: &Mesh, supports: &[InPlaneSupport], partition: &P) -> Result<Spaces> {
+        let comm = partition.comm();
+        let mut holds = comm.all_ok(holds(mesh, supports))?;
+        for holds in &mut holds {
+            spread(holds, partition)?;
+        }
+        let (centre, is_centre) = first_node(mesh, partition)?;
+        let size = mesh.nodes.iter().fold(f64::MIN_POSITIVE, |size, node| size.max((node - centre).norm()));
+        let size = comm.all_reduce_max(size);
+        let free = fix_rigid_motions(mesh, (centre, &is_centre, size), partition, &mut holds);
+        Ok(Spaces { components: holds.map(NodalField::new::<P>), free, centre, size })
+    }
+}
+
+/// Returns the constraints of both components at the nodes by the sides of this process.
+fn holds(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<[Vec<NodeConstraint>; 2]> {
+    let mut holds = [(); 2].map(|()| vec![NodeConstraint::default(); mesh.nodes.len()]);
     for InPlaneSupport { key, sides, hold } in supports {
         for &[a, b] in sides {
             let side = (mesh.nodes[b] - mesh.nodes[a]).normalize();
@@ -73,27 +92,66 @@ pub fn spaces(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<Spaces> {
             }
         }
     }
-    let centre = mesh.nodes[0];
-    let size = mesh.nodes.iter().fold(f64::MIN_POSITIVE, |size, node| size.max((node - centre).norm()));
-    let free = fix_rigid_motions(mesh, size, &mut holds);
-    Ok(Spaces { maps: holds.each_ref().map(|holds| DofMap::of(holds)), free, size })
+    Ok(holds)
 }
 
-/// Holds the rigid motions that are left at the first free node, and returns them.
-fn fix_rigid_motions(mesh: &Mesh, size: f64, holds: &mut [Vec<NodeConstraint>; 2]) -> Vec<Vector3<f64>> {
-    let centre = mesh.nodes[0];
+/// Sums the constraints of all processes at each node. Collective.
+fn spread<P: Partition>(holds: &mut [NodeConstraint], partition: &P) -> Result<()> {
+    if !P::DIVIDES {
+        return Ok(());
+    }
+    let parts: [fn(&mut NodeConstraint) -> &mut f64; 4] = [
+        |hold| &mut hold.deflection,
+        |hold| &mut hold.slopes[0],
+        |hold| &mut hold.slopes[1],
+        |hold| &mut hold.slopes[2],
+    ];
+    for part in parts {
+        let here: Vec<f64> = holds.iter_mut().map(|hold| *part(hold)).collect();
+        let sums = partition.sum_at_nodes(&here)?;
+        holds.iter_mut().zip(sums).for_each(|(hold, sum)| *part(hold) = sum);
+    }
+    Ok(())
+}
+
+/// Returns the place of the first node in the order of x and y, and whether each node of this
+/// process is that one. Collective.
+///
+/// It is a node of the coarsest mesh too, which multigrid needs.
+fn first_node<P: Partition>(mesh: &Mesh, partition: &P) -> Result<(Point, Vec<bool>)> {
+    let order = |a: &Point, b: &Point| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y));
+    let nodes = (0..mesh.nodes.len()).filter(|&node| partition.owns_node(node));
+    let here = nodes.min_by(|&a, &b| order(&mesh.nodes[a], &mesh.nodes[b]));
+    let place = here.map_or([f64::INFINITY; 2], |node| mesh.nodes[node].into());
+    let places = partition.comm().all_gather_one(place).into_iter().map(Point::from).enumerate();
+    let first = places.min_by(|(_, a), (_, b)| order(a, b));
+    let (rank, centre) = first.unwrap_or((0, Point::origin()));
+    let mut flags = vec![0.0; mesh.nodes.len()];
+    here.filter(|_| rank == partition.comm().rank()).into_iter().for_each(|node| flags[node] = 1.0);
+    Ok((centre, partition.sum_at_nodes(&flags)?.into_iter().map(|flag| flag > 0.0).collect()))
+}
+
+/// Holds the rigid motions that are left at the centre, and returns them. Collective.
+fn fix_rigid_motions<P: Partition>(
+    mesh: &Mesh,
+    (centre, is_centre, size): (Point, &[bool], f64),
+    partition: &P,
+    holds: &mut [Vec<NodeConstraint>; 2],
+) -> Vec<Vector3<f64>> {
     // Displacement of a node under a motion (a, b, c): (a - c y, b + c x), in parts of the size.
-    let row = |component: usize, node: usize| {
-        let arm = (mesh.nodes[node] - centre) / size;
+    let row = |component: usize, place: Point| {
+        let arm = (place - centre) / size;
         if component == 0 { RowVector3::new(1.0, 0.0, -arm.y) } else { RowVector3::new(0.0, 1.0, arm.x) }
     };
     let mut sum = Matrix3::zeros();
     for (component, holds) in holds.iter().enumerate() {
-        for (node, _) in holds.iter().enumerate().filter(|(_, hold)| hold.is_any()) {
-            let row = row(component, node);
+        let is_held = |&(node, hold): &(usize, &NodeConstraint)| hold.is_any() && partition.owns_node(node);
+        for (node, _) in holds.iter().enumerate().filter(is_held) {
+            let row = row(component, mesh.nodes[node]);
             sum += row.tr_mul(&row);
         }
     }
+    let mut sum = Matrix3::from_column_slice(&partition.comm().all_reduce_sum_slice(sum.as_slice()));
     let eigen = sum.symmetric_eigen();
     let is_free = |value: f64| value <= NONE * sum.norm().max(1.0);
     let motions = eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter());
@@ -101,20 +159,20 @@ fn fix_rigid_motions(mesh: &Mesh, size: f64, holds: &mut [Vec<NodeConstraint>; 2
     let rank = |matrix: Matrix3<f64>| {
         DMatrix::from_column_slice(3, 3, matrix.as_slice()).rank(NONE * matrix.norm().max(1.0))
     };
-    let free = |node: &usize| holds.iter().all(|holds| !holds[*node].is_any());
-    let Some(node) = (0..mesh.nodes.len()).find(free) else { return motions };
     let turn = RowVector3::new(0.0, 0.0, 1.0);
     for (row, component, hold) in [
-        (row(0, node), 0, NodeConstraint { deflection: 1.0, slopes: [0.0; 3] }),
-        (row(1, node), 1, NodeConstraint { deflection: 1.0, slopes: [0.0; 3] }),
+        (row(0, centre), 0, NodeConstraint { deflection: 1.0, slopes: [0.0; 3] }),
+        (row(1, centre), 1, NodeConstraint { deflection: 1.0, slopes: [0.0; 3] }),
         (turn, 0, NodeConstraint { deflection: 0.0, slopes: [0.0, 0.0, 1.0] }),
     ] {
         let more = sum + row.tr_mul(&row);
         if rank(more) > rank(sum) {
             sum = more;
-            let NodeConstraint { deflection, slopes } = &mut holds[component][node];
-            *deflection += hold.deflection;
-            slopes.iter_mut().zip(hold.slopes).for_each(|(sum, slope)| *sum += slope);
+            for (held, _) in holds[component].iter_mut().zip(is_centre).filter(|(_, is_centre)| **is_centre) {
+                let NodeConstraint { deflection, slopes } = held;
+                *deflection += hold.deflection;
+                slopes.iter_mut().zip(hold.slopes).for_each(|(sum, slope)| *sum += slope);
+            }
         }
     }
     motions

@@ -264,6 +264,20 @@ impl Matrix {
         self.product(get!(MatPtAP(self.raw, p.raw, NEW, FILL))?)
     }
 
+    /// Creates the matrix of two blocks on the diagonal. Each rank owns the rows and columns of the
+    /// first block that it owns there, then those of the second. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Petsc`] where PETSc reports an error.
+    pub fn block_diagonal(first: &Matrix, second: &Matrix) -> Result<Self> {
+        let (context, none) = (&first.context, std::ptr::null_mut());
+        let blocks = [first.raw, none, none, second.raw];
+        let (comm, rows) = (context.raw(Comm::World), std::ptr::null());
+        let nest = get!(MatCreateNest(comm, 2, rows, 2, rows, blocks.as_ptr()))?;
+        let nest = Self::owning(nest, context);
+        Ok(Self::owning(get!(MatConvert(nest.raw, c"aij".as_ptr(), NEW))?, context))
+    }
+
     /// Returns the product A B. Collective.
     ///
     /// # Errors

@@ -60,17 +60,18 @@ impl Context {
         Ok(words)
     }
 
-    /// Returns the user's options of linear solvers, preconditioners and matrices, as on a command
-    /// line; an empty text where there are none.
+    /// Returns the user's options of linear solvers, preconditioners and matrices with a prefix, as
+    /// on a command line; an empty text where there are none.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn solver_options(&self) -> Result<String> {
+    pub fn solver_options(&self, prefix: &str) -> Result<String> {
         let (database, ours) = (self.database()?, self.ours.borrow());
         let mut is_kept = false;
         let keeps = |word: &&str| {
             if let Some(name) = word.strip_prefix('-').filter(|name| name.starts_with(char::is_alphabetic)) {
-                let is_of_solver = ["ksp_", "pc_", "mat_"].iter().any(|prefix| name.starts_with(prefix));
+                let rest = name.strip_prefix(prefix).unwrap_or_default();
+                let is_of_solver = ["ksp_", "pc_", "mat_"].iter().any(|kind| rest.starts_with(kind));
                 is_kept = is_of_solver && !ours.iter().any(|our| our.eq_ignore_ascii_case(name));
             }
             is_kept

@@ -1,14 +1,14 @@
 //! Recovered curvatures of a scene's plate, with its thickness and material.
 
 use super::effects::BuildContext;
-use super::membrane_forces::{MembraneForces, PlateMembrane};
+use super::membrane_forces::MembraneForces;
 use super::plate_assembly::PlateAssembly;
 use crate::assembly::{self, Probe, Recovery};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::geometry;
 use crate::linalg::vectors::axpy;
-use crate::membrane::MembranePoint;
+use crate::membrane::{FollowingMembrane, MembranePoint};
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::plate::{Section, Sections};
@@ -27,7 +27,7 @@ pub(super) type CurvaturesOfShape = Box<dyn Fn(&[f64]) -> Result<Vec<[f64; 3]>>>
 pub(super) struct PlateCurvatures<'s> {
     pub membrane: Rc<MembraneForces<'s>>,
     /// Membrane of a plate that stretches.
-    following: Option<MembraneOfParts>,
+    following: Option<Rc<FollowingMembrane>>,
     pub body: PlateAssembly<'s>,
     pub recovery: Recovery,
     /// Number of parts of the plate, the plate outside all of them included.
@@ -69,18 +69,11 @@ pub(super) struct MidplaneStresses {
     /// Part that does not depend on the deflection, in Pa or N/m; empty without any.
     constant: Vec<Moments>,
     /// Membrane of a plate that stretches, and its points.
-    stretched: Option<(MembraneOfParts, Vec<MidplanePoint>)>,
+    stretched: Option<(Rc<FollowingMembrane>, Vec<MidplanePoint>)>,
 }
 
 /// Point of the membrane with the factor of the force there.
 type MidplanePoint = (MembranePoint, f64);
-
-/// Function that returns deflections and slopes of the whole plate, three per node, given those of
-/// this process. Collective.
-type ShapeOfParts = dyn Fn(&[f64]) -> Vec<f64>;
-
-/// Membrane of a plate that stretches, with the shape that it follows.
-type MembraneOfParts = (PlateMembrane, Rc<ShapeOfParts>);
 
 impl MidplaneStresses {
     /// Returns the values for deflections and slopes at all nodes of this process, three per node,
@@ -89,11 +82,10 @@ impl MidplaneStresses {
     /// # Errors
     /// Returns the errors of the membrane.
     pub fn of_shape(&self, shape: &[f64]) -> Result<Cow<'_, [Moments]>> {
-        let Some(((plate, whole), points)) = &self.stretched else { return Ok((&self.constant).into()) };
-        let shape = whole(shape);
-        let displacement = plate.membrane.follow(&shape)?;
+        let Some((membrane, points)) = &self.stretched else { return Ok((&self.constant).into()) };
+        let displacement = membrane.follow(shape)?;
         let value = |(number, (point, factor)): (usize, &MidplanePoint)| {
-            let [xx, yy, xy] = point.stretching_force(&displacement, &shape);
+            let [xx, yy, xy] = point.stretching_force(&displacement, shape);
             let constant = self.constant.get(number).copied().unwrap_or_default();
             Moments { xx, yy, xy }.times(*factor).plus(constant)
         };
@@ -113,11 +105,7 @@ impl<'s> PlateCurvatures<'s> {
         let body = PlateAssembly::new(scene, mesh, partition.comm())?;
         let parts = scene.parts.len() + 1;
         let recovery = Recovery::new(mesh, &ground.cells, &|cell| body.part(cell), parts, partition)?;
-        let following = ground.membrane.following().map(|plate| {
-            let (of_parts, partition) = (plate.clone(), partition.clone());
-            let whole: Rc<ShapeOfParts> = Rc::new(move |part| of_parts.whole(&partition, part));
-            (plate.clone(), whole)
-        });
+        let following = ground.membrane.following().cloned();
         Ok(PlateCurvatures { membrane: ground.membrane.clone(), following, body, recovery, parts })
     }
 
@@ -158,16 +146,15 @@ impl<'s> PlateCurvatures<'s> {
         measure: Measure,
     ) -> Result<MidplaneStresses> {
         let constant = Vec::new();
-        let Some((plate, whole)) = &self.following else {
+        let Some(membrane) = &self.following else {
             return Ok(MidplaneStresses { constant, stretched: None });
         };
         let point = |(cell, point)| {
             let section = self.body.section(cell, point)?;
-            let of_part = MembranePoint::new(mesh, cell, point, &section)?;
-            Ok((of_part.renumbered(&plate.nodes), measure.per_force(&section)))
+            Ok((MembranePoint::new(mesh, cell, point, &section)?, measure.per_force(&section)))
         };
         let points = places.map(point).collect::<Result<_>>()?;
-        Ok(MidplaneStresses { constant, stretched: Some(((plate.clone(), whole.clone()), points)) })
+        Ok(MidplaneStresses { constant, stretched: Some((membrane.clone(), points)) })
     }
 
     /// Returns [`Self::middle`] at a point of the plate: the mean over all cells that contain the

@@ -167,6 +167,43 @@ fn multigrid_moves_a_plate_under_tension_as_factors_do() {
     }
 }
 
+/// The mid-plane stretches by multigrid too, be it held or free in its plane.
+#[test]
+fn multigrid_stretches_a_plate_as_factors_do() {
+    let folder = folder("stretching", THROWN);
+    for (ranks, element, hold) in [(1, "hct", "free"), (2, "fvs", "held"), (2, "hct", "normal")] {
+        let element = format!("mesh.element={element}");
+        let hold = format!("support.0.in_plane={hold}");
+        let settings = [&element, &hold, "in_plane.stretching=true", "load.pressure=-2e6"];
+        assert_native(&folder, ranks, "fall.toml", &settings);
+    }
+}
+
+/// The problem in the plane takes as many iterations on every mesh.
+#[test]
+fn solves_in_the_plane_take_as_many_iterations_on_every_mesh() {
+    let folder = folder("in-plane", THROWN);
+    for (ranks, element, limit) in [(1, "fvs", 14), (1, "hct", 19), (2, "fvs", 19)] {
+        let counts = ["[20, 8]", "[40, 16]", "[80, 32]"].map(|cells| {
+            let set = [
+                &format!("mesh.element={element}"),
+                &format!("mesh.cells={cells}"),
+                "in_plane.stretching=true",
+                "time.end=2e-4",
+            ];
+            let run = ["run", "fall.toml", "--overwrite", "--out", "run"];
+            let set = set.into_iter().flat_map(|setting| ["--set", setting]);
+            let options = ["--", "-in_plane_ksp_converged_reason"];
+            let said =
+                succeeds(&on(&folder, ranks, &run.into_iter().chain(set).chain(options).collect::<Vec<_>>()));
+            let lines = said.lines().filter(|line| line.contains("in_plane_"));
+            let counts = lines.filter_map(|line| line.split(' ').next_back()?.parse::<u32>().ok());
+            counts.max().unwrap()
+        });
+        assert!(counts.iter().all(|count| (5..=limit).contains(count)), "{ranks} {element}: {counts:?}");
+    }
+}
+
 #[test]
 fn multigrid_moves_the_plate_as_factors_do_up_to_the_second_impact() {
     let folder = folder("fall", FLIGHT);

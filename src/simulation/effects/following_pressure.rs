@@ -73,23 +73,8 @@ impl<P: Partition> FollowingPressure<P> {
     }
 
     /// Returns deflections and slopes at the nodes of this process, three per node. Collective.
-    fn shape(&self, u: &[f64]) -> Result<Vec<f64>> {
-        let FollowingPressure { space, partition, .. } = self;
-        let value = |dof| partition.own_dof(dof).map_or(0.0, |own_dof| u[own_dof]);
-        let mut shape = space.shape(&(0..space.dofs()).map(value).collect::<Vec<_>>());
-        if P::DIVIDES {
-            for which in 0..PER_NODE {
-                let of_nodes: Vec<f64> = shape.iter().skip(which).step_by(PER_NODE).copied().collect();
-                let sums = partition.sum_at_nodes(&of_nodes)?;
-                shape
-                    .iter_mut()
-                    .skip(which)
-                    .step_by(PER_NODE)
-                    .zip(sums)
-                    .for_each(|(value, sum)| *value = sum);
-            }
-        }
-        Ok(shape)
+    fn shape(&self, u: &[f64]) -> Vec<f64> {
+        self.space.shape(&self.partition.to_local(u))
     }
 
     /// Returns the load at all nodes of this process, three entries per node: this process's part.
@@ -98,7 +83,7 @@ impl<P: Partition> FollowingPressure<P> {
     /// # Errors
     /// Returns the errors of the formula.
     pub fn at_nodes(&self, t: f64, u: &[f64]) -> Result<Vec<f64>> {
-        let (shape, pressure) = (self.shape(u)?, self.pressure.of_deflection(t));
+        let (shape, pressure) = (self.shape(u), self.pressure.of_deflection(t));
         let mut load = vec![0.0; PER_NODE * self.nodes];
         let mut integrate = || {
             for (points, places) in &self.cells {
@@ -126,7 +111,7 @@ impl<P: Partition> FollowingPressure<P> {
         (factor, softens): (f64, bool),
         first: usize,
     ) -> Result<Vec<ElementMatrix>> {
-        let (shape, pressure) = (self.shape(u)?, self.pressure.of_deflection(0.0));
+        let (shape, pressure) = (self.shape(u), self.pressure.of_deflection(0.0));
         let block = |number: usize| {
             let (points, places) = &self.cells[number];
             let mut matrix = vec![0.0; places.len() * places.len()];
@@ -164,7 +149,7 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
     }
 
     fn work(&self, t: f64, u: &[f64]) -> Result<f64> {
-        let (shape, pressure) = (self.shape(u)?, self.pressure.of_deflection(t));
+        let (shape, pressure) = (self.shape(u), self.pressure.of_deflection(t));
         let mut work = 0.0;
         let mut integrate = || {
             for (points, places) in &self.cells {
@@ -187,7 +172,7 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
     }
 
     fn reach(&self, t: f64, u: &[f64], x: &[f64]) -> Result<f64> {
-        let (shape, change, pressure) = (self.shape(u)?, self.shape(x)?, self.pressure.of_deflection(t));
+        let (shape, change, pressure) = (self.shape(u), self.shape(x), self.pressure.of_deflection(t));
         let farthest = vectors::largest(shape.iter().step_by(PER_NODE).copied());
         let mut reach = f64::INFINITY;
         let mut limit = || {

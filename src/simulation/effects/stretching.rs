@@ -4,19 +4,19 @@ use super::ground::BuildContext;
 use super::of_cells::OfCells;
 use super::stretched_equilibrium::least_energy;
 use crate::communicator::Communicator;
-use crate::dof_map::{DofMap, PER_NODE};
+use crate::dof_map::DofMap;
 use crate::error::Result;
 use crate::linalg::{ElementMatrix, Form};
-use crate::membrane::QuarticForm;
+use crate::membrane::{FollowingMembrane, QuarticForm};
 use crate::partition::Partition;
 use crate::scheme::{StretchingEnergy, System};
-use crate::simulation::membrane_forces::PlateMembrane;
 use crate::simulation::phase;
 use faer::Mat;
+use std::rc::Rc;
 
-/// Energy of stretching over the dofs. Every process computes the energy of the whole plate.
+/// Energy of stretching over the dofs.
 pub(super) struct NodalEnergy<P: Partition> {
-    plate: PlateMembrane,
+    membrane: Rc<FollowingMembrane>,
     partition: P,
     space: DofMap,
 }
@@ -24,21 +24,13 @@ pub(super) struct NodalEnergy<P: Partition> {
 impl<P: Partition> NodalEnergy<P> {
     /// Creates it; `None` for a plate that only bends.
     pub fn new(ground: &BuildContext<P>) -> Option<NodalEnergy<P>> {
-        let plate = ground.membrane.following()?.clone();
-        Some(NodalEnergy { plate, partition: ground.partition.clone(), space: ground.space.clone() })
+        let membrane = ground.membrane.following()?.clone();
+        Some(NodalEnergy { membrane, partition: ground.partition.clone(), space: ground.space.clone() })
     }
 
-    /// Returns the place of each deflection and slope of nodes of this process in the list for all
-    /// nodes of the whole plate.
-    fn places<'n>(&'n self, nodes: impl Iterator<Item = usize> + 'n) -> impl Iterator<Item = usize> + 'n {
-        nodes.map(|node| self.plate.nodes[node]).flat_map(|node| PER_NODE * node..PER_NODE * (node + 1))
-    }
-
-    /// Returns deflections and slopes of the whole plate, three per node. Collective.
-    fn whole(&self, u: &[f64]) -> Vec<f64> {
-        let NodalEnergy { plate, partition, space } = self;
-        let value = |dof| partition.own_dof(dof).map_or(0.0, |own_dof| u[own_dof]);
-        plate.whole(partition, &space.shape(&(0..space.dofs()).map(value).collect::<Vec<_>>()))
+    /// Returns deflections and slopes at the nodes of this process, three per node. Collective.
+    fn shape(&self, u: &[f64]) -> Vec<f64> {
+        self.space.shape(&self.partition.to_local(u))
     }
 
     /// Returns the geometric stiffness of the membrane force at a displacement (m), cell by cell of
@@ -47,55 +39,35 @@ impl<P: Partition> NodalEnergy<P> {
     /// # Errors
     /// Returns the errors of the membrane.
     pub fn geometric_stiffness(&self, ground: &BuildContext<P>, u: &[f64]) -> Result<Vec<ElementMatrix>> {
-        let matrices = self.plate.membrane.geometric_stiffness(&self.whole(u));
-        let matrices = self.partition.comm().all_ok(matrices)?;
-        let block = |number: usize| {
-            let (whole, matrix) = &matrices[self.plate.cells[number]];
-            // The first node of a cell may be another one in the part than in the whole.
-            let place = |place| whole.iter().position(|other| *other == place);
-            let nodes = ground.mesh.cells[number].nodes();
-            let order: Vec<usize> = self.places(nodes.iter().copied()).filter_map(place).collect();
-            let row = |&i: &usize| order.iter().map(move |j| matrix[i * whole.len() + j]);
-            ground.cells[number].form(&order.iter().flat_map(row).collect(), number)
-        };
-        Ok((0..ground.mesh.cells.len()).map(block).collect())
+        let matrices = self.partition.comm().all_ok(self.membrane.geometric_stiffness(&self.shape(u)))?;
+        let cells = ground.cells.iter().zip(&matrices).enumerate();
+        Ok(cells.map(|(number, (cell, matrix))| cell.form(matrix, number)).collect())
     }
-}
 
-impl<P: Partition> NodalEnergy<P> {
-    /// Returns V, in J, and the forces V' at all nodes of this process, three per node.
-    fn forces(&self, u: &[f64]) -> Result<(f64, Vec<f64>)> {
-        let shape = self.whole(u);
+    /// Returns V, in J, and the forces V' at the nodes, three per node: the part of the cells of
+    /// this process.
+    fn part(&self, u: &[f64]) -> Result<(f64, Vec<f64>)> {
+        let shape = self.shape(u);
         let mut force = vec![0.0; shape.len()];
-        let energy = self.partition.comm().all_ok(self.plate.membrane.evaluate(&shape, &mut force))?;
-        let nodes = 0..self.plate.nodes.len();
-        Ok((energy, self.places(nodes).map(|place| force[place]).collect()))
+        let energy = self.membrane.evaluate(&shape, &mut force);
+        Ok((self.partition.comm().all_ok(energy)?, force))
     }
 
-    /// Returns the forces V' at all nodes, three per node, on the process that owns the node.
+    /// Returns the forces V' at the nodes of this process, three per node: this process's part.
     /// Collective.
     ///
     /// # Errors
     /// Returns the errors of the membrane.
     pub fn at_nodes(&self, u: &[f64]) -> Result<Vec<f64>> {
-        let (_, mut forces) = self.forces(u)?;
-        for (node, force) in forces.chunks_exact_mut(PER_NODE).enumerate() {
-            if !self.partition.owns_node(node) {
-                force.fill(0.0);
-            }
-        }
-        Ok(forces)
+        Ok(self.part(u)?.1)
     }
 }
 
 impl<P: Partition> StretchingEnergy for NodalEnergy<P> {
     fn evaluate(&self, u: &[f64], gradient: &mut [f64]) -> Result<f64> {
-        let (energy, part) = self.forces(u)?;
-        gradient.fill(0.0);
-        for (dof, value) in self.space.restrict(&part).into_iter().enumerate() {
-            self.partition.own_dof(dof).into_iter().for_each(|own_dof| gradient[own_dof] = value);
-        }
-        Ok(energy)
+        let (energy, force) = self.part(u)?;
+        gradient.copy_from_slice(&self.partition.add_up(&self.space.restrict(&force))?);
+        Ok(self.partition.comm().all_reduce_sum(energy))
     }
 }
 
@@ -120,13 +92,13 @@ pub(super) fn form<E: OfCells, P: Partition>(
     geometric: Option<&Form>,
 ) -> Result<Option<QuarticForm>> {
     let space = ground.space;
-    let (Some(plate), Form::Modal { modes, .. }) = (ground.membrane.following(), &system.mass) else {
+    let (Some(membrane), Form::Modal { modes, .. }) = (ground.membrane.following(), &system.mass) else {
         return Ok(None);
     };
     phase("stretching");
     let shape = |k: usize| space.shape(modes.shapes.col_as_slice(k));
     let shapes: Vec<Vec<f64>> = (0..modes.count()).map(shape).collect();
-    let mut form = plate.membrane.form(&shapes, &modes.squares)?;
+    let mut form = membrane.form(&shapes, &modes.squares)?;
     if let Some(geometric) = geometric {
         let mut products = Mat::zeros(modes.shapes.nrows(), modes.count());
         for k in 0..modes.count() {
