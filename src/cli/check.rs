@@ -5,8 +5,9 @@ use super::command::{Execute, Program};
 use super::set_up::SetUpTold;
 use crate::error::{Error, Result};
 use crate::output::claim;
-use crate::scene::Scene;
-use crate::study;
+use crate::scene::{EngineName, Scene};
+use crate::study::{self, SweepCost};
+use crate::sweep;
 use clap::Args;
 use std::path::{Path, PathBuf};
 
@@ -54,7 +55,11 @@ impl Execute for Check {
         refuse_petsc_options(&self.scene.petsc)?;
         let _cache = self.scene.open_cache();
         let set_up = SetUpTold::new(self.scene.voice);
-        let check = study::check(&scene)?;
+        let mut check = study::check(&scene)?;
+        if let Some(sweep) = scene.sweep.as_ref().filter(|_| scene.solver.engine == EngineName::Native) {
+            let (runs, expected_seconds) = sweep::expected_time(sweep, &|more| self.scene.load_with(more));
+            check.sweep = Some(SweepCost { runs, periods: sweep.periods, expected_seconds });
+        }
         drop(set_up);
         let resolved = if self.resolved { format!("{}\n", check.scene) } else { String::new() };
         self.scene.voice.print(&format!("{resolved}{check}"), &check)

@@ -162,11 +162,25 @@ pub struct Check {
     /// Size of all snapshots, in bytes; `None` where the scene asks for none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub snapshots: Option<u64>,
+    /// Cost of the scene's sweep, if it has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub sweep: Option<SweepCost>,
     /// Ranks that would shorten the run; `None` where one process is the quickest way.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub quickest: Option<QuickestRanks>,
     /// Warnings, each with its reason.
     pub warnings: Vec<String>,
+}
+
+/// Cost of a sweep.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SweepCost {
+    /// Number of runs.
+    pub runs: usize,
+    /// Number of periods of each run.
+    pub periods: u64,
+    /// Expected time in one process, on one thread, in s.
+    pub expected_seconds: f64,
 }
 
 /// Inspects the matrices of a scene.
@@ -322,6 +336,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         expected_seconds,
         has_watched_contact: touches,
         snapshots,
+        sweep: None,
         quickest: QuickestRanks::new(&native, system.engine.dofs(), steps, expected_seconds),
         warnings,
     })
@@ -567,6 +582,10 @@ impl fmt::Display for Check {
         report.text("run", format!("{} steps, {time} and {memory} of memory{linear}", grouped(self.steps)));
         if let Some(bytes) = self.snapshots {
             report.text("snapshots", format!("{} on the disk", engineering(bytes as f64, "B")));
+        }
+        if let Some(SweepCost { runs, periods, expected_seconds }) = self.sweep {
+            let (runs, time) = (grouped(runs as u64), about(expected_seconds));
+            report.text("sweep", format!("{runs} runs of {periods} periods, {time} with one job"));
         }
         if let Some(QuickestRanks { ranks, seconds }) = self.quickest {
             report.text("quickest", format!("mpirun -n {ranks} rebond run: {}", about(seconds)));

@@ -19,7 +19,7 @@ mod static_reactions;
 mod warnings;
 
 pub use frequencies::{Frequencies, advised_step, energy_step};
-pub use inspect::{Check, Deflection, Inspection, check, inspect};
+pub use inspect::{Check, Deflection, Inspection, SweepCost, check, inspect};
 pub use linearity::of_run as warning_of_run;
 pub use matrices::{MATRICES, matrices_are_of, write_matrices};
 pub use modal_figures::{ContactFigures, ModalFigures};

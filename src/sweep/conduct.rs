@@ -12,6 +12,7 @@ use crate::simulation::{Model, condensed};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::thread;
+use std::time::Instant;
 
 /// Loader of the scene with further settings, each `key=value`.
 pub type Loader<'l> = dyn Fn(&[String]) -> Result<Scene> + Sync + 'l;
@@ -135,6 +136,39 @@ pub fn conduct_one(
     conductor.work(&sender);
     let made = receiver.try_recv().map(|(_, row, _)| row);
     made.map_err(|_| Error::Stopped(format!("interrupted: run {index} is not done")))
+}
+
+/// Time for which some runs are watched, in s.
+const WATCH: f64 = 0.2;
+
+/// Returns the number of runs of a sweep, and the time (s) that one thread takes for all: expected
+/// from some periods of some of the runs.
+pub fn expected_time(sweep: &SweepSpec, load: &Loader) -> (usize, f64) {
+    let groups = groups(sweep);
+    let leader = typical_run(sweep).filter(|_| groups.len() > 1);
+    let first = |runs: &Vec<PlannedRun>| {
+        let runs = runs.first().cloned().into_iter().collect();
+        Waiting { group: 0, runs, state: None, is_carried: false }
+    };
+    let stride = groups.len().div_ceil(Lanes::COUNT).max(1);
+    let waiting: Vec<Waiting> = groups.iter().step_by(stride).map(first).collect();
+    let time = |periods: u64| {
+        let settings = [format!("sweep.periods={periods}"), "sweep.settle=0".into()];
+        let short = |more: &[String]| load(&[more, &settings].concat());
+        let (lot, next) = (waiting.len(), AtomicUsize::new(0));
+        let (leader, waiting) = (leader.clone(), waiting.clone());
+        let conductor = Conductor { sweep, load: &short, interrupts: &|| false, leader, waiting, lot, next };
+        let clock = Instant::now();
+        let (sender, _receiver) = channel();
+        conductor.work(&sender);
+        clock.elapsed().as_secs_f64()
+    };
+    let one = time(1);
+    let periods = ((WATCH / one) as u64).clamp(1, sweep.periods) + 1;
+    let period = ((time(periods) - one) / (periods - 1) as f64).max(0.0);
+    let runs = groups.iter().map(Vec::len).sum::<usize>();
+    let share = runs as f64 / waiting.len().max(1) as f64;
+    (runs, share * (one + period * (sweep.periods - 1) as f64))
 }
 
 impl Conductor<'_> {

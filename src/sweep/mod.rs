@@ -27,7 +27,7 @@ mod statistics;
 mod store;
 
 pub use basins::{Attractor, Basins};
-pub use conduct::{Loader, SweepRecord, conduct, conduct_one, scene_at, spell};
+pub use conduct::{Loader, SweepRecord, conduct, conduct_one, expected_time, scene_at, spell};
 pub use measures::{Measures, ProbeMeasures, repetition};
 #[cfg(feature = "petsc")]
 pub use on_ranks::RankedSweep;

@@ -240,3 +240,14 @@ fn many_keys_give_all_combinations() {
         folder.join("three/plots/parallel.png").exists() && !folder.join("two/plots/parallel.png").exists()
     );
 }
+
+/// `rebond check` tells the number of runs and their time, by the first periods of some of them.
+#[test]
+fn check_tells_the_cost_of_a_sweep() {
+    const CHAOS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/gallery/chaos.toml");
+    let folder = folder("cost");
+    let said = succeeds(&rebond(&folder, &["check", CHAOS]));
+    assert!(said.contains("  sweep        161 runs of 200 periods, "), "{said}");
+    let told: Value = serde_json::from_str(&succeeds(&rebond(&folder, &["check", CHAOS, "--json"]))).unwrap();
+    assert!(told["sweep"]["expected_seconds"].as_f64().unwrap() > 0.0, "{told}");
+}

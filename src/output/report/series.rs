@@ -140,7 +140,8 @@ fn charts(table: &Table, rules: &[f64]) -> Vec<Chart> {
     }
     let moves = |values: &[f64]| values.iter().any(|value| *value != 0.0);
     let stored = table.stored();
-    let parts = [("kinetic", column("kinetic")), ("elastic", column("elastic")), ("both", &stored)];
+    let parts =
+        [("kinetic", column("kinetic")), ("elastic", column("elastic")), ("kinetic + elastic", &stored)];
     charts.push(chart("energy of the plate", "J", parts.map(|(name, values)| line(name, values)).into()));
     let exchanged = [("put in", "work", 1.0), ("lost", "energy", -1.0)].into_iter();
     let exchanged = exchanged.map(|(name, column, sign)| (name, table.since_start(column, sign)));
