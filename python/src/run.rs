@@ -41,7 +41,7 @@ impl Task {
             None
         };
         let model = Model::new(scene)?;
-        let warnings = study::warnings(scene, &model);
+        let mut warnings = study::warnings(scene, &model);
         let mut files = RunFiles::new(&self.run, 0, 1);
         if lock.is_some() {
             files.prepare(from.as_ref())?;
@@ -61,6 +61,7 @@ impl Task {
             (collector, None, done)
         };
         let status = ended.as_ref().err().map_or("done".into(), ToString::to_string);
+        warnings.extend(study::warning_of_run(scene, &outcome, &warnings));
         let summary = RunSummary::new(scene, identity, &outcome, &warnings, status);
         let written = match files {
             Some(files) => files.finish().and_then(|()| summary.write(folder)),

@@ -59,6 +59,16 @@ def test_a_run_equals_that_of_the_command(command: Command, fall_file: Path, tmp
     assert run.probes["corner"] is run.history["corner"]
 
 
+def test_a_run_warns_of_what_it_finds(command: Command, fall_file: Path, tmp_path: Path) -> None:
+    steep = ["load.pressure=30000*exp(-t)", "initial.static_pressure=0", "obstacle.0.height=-10"]
+    scene = rebond.Scene(fall_file).set(*steep)
+    options = [word for change in steep for word in ("--set", change)]
+    assert command("run", fall_file, *options, "--quiet", "--out", tmp_path / "run").returncode == 0
+    expected = json.loads((tmp_path / "run" / "summary.json").read_text())["warnings"]
+    assert expected[-1].startswith("the largest deflection is "), expected
+    assert rebond.run(scene).summary["warnings"] == expected
+
+
 def test_a_run_folder_equals_that_of_the_command(
     command: Command, fall_file: Path, tmp_path: Path
 ) -> None:
