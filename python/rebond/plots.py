@@ -25,6 +25,15 @@ def multiple(arrays: Iterable[NDArray[Any]]) -> tuple[float, str]:
     return 1000.0**power, _PREFIXES[power]
 
 
+def _alone(figure: Any) -> Any:
+    """Return a figure that a notebook shows once: as the value of a cell, not at its end too."""
+    from matplotlib import pyplot
+
+    if "inline" in pyplot.get_backend():
+        pyplot.close(figure)
+    return figure
+
+
 def history(run: Run) -> Any:
     """Draw the probes of a run and its energies over time; return the figure."""
     from matplotlib import pyplot
@@ -44,7 +53,7 @@ def history(run: Run) -> Any:
             axis.legend(frameon=False)
     axes[-1].set_xlabel(f"time ({prefix}s)")
     figure.suptitle(run.scene.title or "run")
-    return figure
+    return _alone(figure)
 
 
 def modes(layout: Layout, shapes: Modes) -> Any:
@@ -65,4 +74,4 @@ def modes(layout: Layout, shapes: Modes) -> Any:
         axis.set(title=f"{frequency:.4g} Hz", aspect="equal")
     for axis in axes.flat:
         axis.set_axis_off()
-    return figure
+    return _alone(figure)

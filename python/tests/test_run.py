@@ -302,6 +302,20 @@ def test_a_file_runs_and_is_drawn(tmp_path: Path) -> None:
     pyplot.close("all")
 
 
+@pytest.mark.parametrize(("backend", "open_figures"), [("agg", 1), ("inline", 0)])
+def test_a_notebook_shows_a_figure_once(
+    fall: rebond.Scene, monkeypatch: pytest.MonkeyPatch, backend: str, open_figures: int
+) -> None:
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    pyplot.close("all")
+    # A notebook shows the value of a cell, and at its end all figures that are open.
+    monkeypatch.setattr(pyplot, "get_backend", lambda: backend)
+    for draw in (rebond.run(fall.set("time.end=0.001")).plot, rebond.Model(fall).modes(2).plot):
+        assert draw().axes and len(pyplot.get_fignums()) == open_figures
+        pyplot.close("all")
+
+
 class StandIn:
     """Unstructured grid of pyvista as far as fields use it."""
 
