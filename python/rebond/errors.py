@@ -1,6 +1,7 @@
 """Exceptions of the package.
 
-Each has the message of the command, on one line, and its exit code.
+Each has the message of the command, on one line and with the arguments of functions in place of
+options, and its exit code.
 """
 
 

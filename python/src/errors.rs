@@ -31,11 +31,31 @@ impl Failure {
     /// Returns the exception of the package for the failure, with its message on one line.
     pub fn exception(&self, py: Python<'_>) -> PyErr {
         let (class, message) = match self {
-            Failure::Error(error) => (class_of(error), error.to_string()),
+            Failure::Error(error) => (class_of(error), in_python(&error.to_string())),
             Failure::Panic(text) => ("InternalError", format!("internal error, please report it: {text}")),
         };
         exception(py, class, &message.replace('\n', " "))
     }
+}
+
+/// Options of the command in messages, and Python's words for them.
+const ARGUMENTS: [(&str, &str); 4] =
+    [("--set ", ""), ("--out DIR", "out="), ("--overwrite", "overwrite=True"), ("--until ", "until=")];
+
+/// Returns a message with the arguments of functions in place of the command's options.
+fn in_python(message: &str) -> String {
+    let mut message = match message.strip_prefix("--set ") {
+        Some(change) => format!("set: {change}"),
+        None => message.to_owned(),
+    };
+    if let Some((before, rest)) = message.split_once("`rebond resume ")
+        && let Some((call, after)) = rest.split_once('`')
+    {
+        let (folder, until) = call.split_once(" --until ").unwrap_or((call, ""));
+        let until = if until.is_empty() { String::new() } else { format!(", until={until}") };
+        message = format!("{before}rebond.resume({folder:?}{until}){after}");
+    }
+    ARGUMENTS.iter().fold(message, |text, (option, argument)| text.replace(option, argument))
 }
 
 /// Returns the name of the exception class for an error; see `rebond/errors.py`.

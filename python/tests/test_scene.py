@@ -55,9 +55,9 @@ def test_there_are_bad_scenes() -> None:
 
 
 def test_messages_name_the_change(fall: rebond.Scene) -> None:
-    with pytest.raises(rebond.SceneError, match="^--set time.stop=1: time.stop: unknown key"):
+    with pytest.raises(rebond.SceneError, match="^set: time.stop=1: time.stop: unknown key"):
         fall.set("time.stop=1")
-    with pytest.raises(rebond.SceneError, match=r"^--set time.step=0.0: .*greater than 0"):
+    with pytest.raises(rebond.SceneError, match=r"^set: time.step=0.0: .*greater than 0"):
         fall.set({"time.step": 0.0})
     with pytest.raises(rebond.SceneError, match="time.step"):
         fall.set({"time.step": float("nan")})
