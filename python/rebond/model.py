@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array  # type: ignore[import-untyped]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Matrices:
     """Matrices of M U'' + K U = F + G^T r between the bounds ``lower <= G U <= upper``.
 
@@ -45,6 +45,10 @@ class Matrices:
     lower: NDArray[np.float64] | None
     #: Upper bounds, in m, one per row of G, inf where there is none; None without supports.
     upper: NDArray[np.float64] | None
+
+    def __repr__(self) -> str:
+        (bounds, dofs), cells = self.G.shape, len(self.C)
+        return f"<rebond.Matrices: {dofs} dofs, {cells} cells, {bounds} bounds>"
 
 
 @dataclass(frozen=True, repr=False)

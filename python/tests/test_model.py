@@ -93,6 +93,7 @@ def test_constraints_are_those_of_the_obstacle(fall: rebond.Scene) -> None:
     assert (matrices.G @ np.arange(model.dofs)).tolist() == model.bounded_dofs.tolist()
     assert matrices.lower is not None and (matrices.lower == -0.1).all()
     assert matrices.upper is not None and np.isinf(matrices.upper).all()
+    assert repr(matrices) == "<rebond.Matrices: 54 dofs, 12 cells, 18 bounds>"
     # The clamped nodes are in no reach of the floor.
     free = np.flatnonzero(model.node_dofs[:, 0] >= 0)
     assert model.bounded_nodes.tolist() == free.tolist()
