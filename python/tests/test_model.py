@@ -138,6 +138,9 @@ def test_the_modes_that_carry_a_modal_mass() -> None:
     stiffness = modes.shapes @ (matrices.K @ modes.shapes.T)
     squares = (2 * np.pi * modes.frequencies) ** 2
     assert stiffness == pytest.approx(np.diag(squares), abs=1e-7 * squares[-1])
+    # No others have inertia.
+    assert model.modes(100).frequencies.tolist() == modes.frequencies.tolist()
+    assert model.modes(2).shapes.tolist() == modes.shapes[:2].tolist()
     with pytest.raises(rebond.UsageError, match="mass_modes: .*; expected time.mass=modal"):
         rebond.Model(supported((4, 4))).mass_modes()
 

@@ -187,7 +187,10 @@ fn search<E: Engine>(
             verdict => return modes.basis(inverse, count, verdict.is_some()),
         }
     }
-    Err(Error::Singular(format!("natural modes are still missing after {MAX_SEARCHES} searches")))
+    let most = most_modes(inverse.engine, inverse.mass);
+    Err(Error::Singular(format!(
+        "natural modes are still missing after {MAX_SEARCHES} searches; there are at most {most}, expected fewer"
+    )))
 }
 
 /// Returns converged Ritz vectors of the wanted modes and of the guards, and whether these are all

@@ -58,7 +58,8 @@ pub fn lowest<E: Engine>(
     Ok(modes.into_iter().map(|mode| mode.frequency).collect())
 }
 
-/// Returns the `count` lowest natural modes, ascending, or fewer if there are no more.
+/// Returns the `count` lowest natural modes, ascending, or fewer if there are no more. A modal mass
+/// has its modes with it.
 ///
 /// `mechanism` says that K is singular: the rigid motions come first, at exactly 0 Hz.
 ///
@@ -71,9 +72,19 @@ pub fn shapes<E: Engine>(
     count: usize,
     mechanism: bool,
 ) -> Result<Vec<Mode>> {
-    let basis = lowest_existing(engine, [stiffness, mass], ModeRange::Count(count), mechanism)?;
-    let mode = |(j, frequency)| Mode { frequency, shape: basis.shapes.col_as_slice(j).to_vec() };
-    Ok(basis.frequencies().into_iter().enumerate().map(mode).collect())
+    let basis;
+    let (squares, shapes) = match mass {
+        Form::Modal { modes, .. } => (&modes.squares, &modes.shapes),
+        _ => {
+            basis = lowest_existing(engine, [stiffness, mass], ModeRange::Count(count), mechanism)?;
+            (&basis.squares, &basis.shapes)
+        }
+    };
+    let mode = |(j, square): (usize, &f64)| Mode {
+        frequency: square.sqrt() / TAU,
+        shape: shapes.col_as_slice(j).to_vec(),
+    };
+    Ok(squares.iter().take(count).enumerate().map(mode).collect())
 }
 
 /// Steps and tolerance of Lanczos' method for the highest frequency: first while sigma is sought,

@@ -72,17 +72,11 @@ pub(super) fn with_rigid_balls(scene: &Scene, mut frequencies: Frequencies) -> F
 /// Returns the errors of [`modes::lowest`].
 pub(super) fn frequencies(model: &Model, mass: &Form, mechanism: bool) -> Result<Frequencies> {
     let (engine, stiffness) = (&model.system.engine, &model.system.stiffness);
-    if let Form::Modal { modes, .. } = mass {
-        let frequencies = || modes.squares.iter().map(|square| square.sqrt() / TAU);
-        return Ok(Frequencies {
-            lowest: frequencies().take(MODES).collect(),
-            highest: frequencies().next_back(),
-        });
-    }
-    Ok(Frequencies {
-        lowest: modes::lowest(engine, stiffness, mass, MODES, mechanism)?,
-        highest: modes::highest(engine, stiffness, mass).ok(),
-    })
+    let highest = match mass {
+        Form::Modal { modes, .. } => modes.squares.last().map(|square| square.sqrt() / TAU),
+        _ => modes::highest(engine, stiffness, mass).ok(),
+    };
+    Ok(Frequencies { lowest: modes::lowest(engine, stiffness, mass, MODES, mechanism)?, highest })
 }
 
 /// Returns the step that keeps the motion within 1 %, in s, rounded down to 1, 2 or 5 times 10^n.
