@@ -162,6 +162,9 @@ pub type Result<T> = std::result::Result<T, Error>;
 /// Returns a hint with the valid name that was probably meant, or an empty string.
 pub(crate) fn suggestion(wrong: &str, valid: &[&str]) -> String {
     let alike = |name: &&&str| strsim::jaro_winkler(wrong, name);
-    let nearest = valid.iter().max_by(|a, b| alike(a).total_cmp(&alike(b))).filter(|name| alike(name) > 0.75);
+    // Names of files are not alike by their ending alone.
+    let stem = |name: &str| name.rsplit_once('.').map_or(name, |(stem, _)| stem).to_owned();
+    let is_near = |name: &&&str| strsim::jaro_winkler(&stem(wrong), &stem(name)) > 0.75;
+    let nearest = valid.iter().filter(is_near).max_by(|a, b| alike(a).total_cmp(&alike(b)));
     nearest.map_or(String::new(), |name| format!(" (did you mean {name}?)"))
 }

@@ -334,6 +334,9 @@ fn files_of_other_kinds_are_named_with_a_remedy() {
     }
     let lost = refusal(&text(&folder.join("bracker.step").to_string_lossy(), "", CLAMPED)).to_string();
     assert!(lost.contains("no such file") && lost.contains("did you mean bracket.step?"), "{lost}");
+    // An ending alone makes no name alike.
+    let lost = refusal(&text(&folder.join("qux.step").to_string_lossy(), "", CLAMPED)).to_string();
+    assert!(lost.contains("no such file") && !lost.contains("did you mean"), "{lost}");
 }
 
 /// A mesh without names has an outline and holes that supports can hold: the annulus of a square.
