@@ -17,13 +17,19 @@ help: ## list these targets
 setup: ## install missing packages that the build needs
 	@scripts/setup.sh
 
-run: setup ## build, simulate the paper's figure 4 to the second impact, compare with PETSc
+run: ## build, simulate the paper's figure 4 to the second impact, draw it, compare with PETSc
+	$(call say,about six minutes on two cores the first time: all but some seconds are the build)
+	@scripts/setup.sh
 	$(call say,build)
 	@cargo build --release --locked
 	$(call say,simulate $(FIGURE) to t = 0.25 s)
-	@$(CARGO_RUN) -- run $(FIGURE) --set time.end=0.25 --out runs/first
+	@$(CARGO_RUN) -- run $(FIGURE) --set time.end=0.25 --set output.fields_every=1000 --out runs/first
 	$(call say,compare engines and contact solvers to t = 0.06 s)
 	@$(CARGO_RUN) -- compare $(FIGURE) --set time.end=0.06 --set time.step=1e-5
+	@$(CARGO_RUN) -- plot runs/first >/dev/null
+	@$(CARGO_RUN) -- report runs/first >/dev/null
+	$(call say,a picture of the run: runs/first/plots/snapshots.png)
+	$(call say,a report for the browser: runs/first/report.html)
 
 test: setup ## check format, lints, tests and documentation, with and without PETSc
 	$(call say,format)
