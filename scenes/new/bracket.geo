@@ -11,4 +11,6 @@ Physical Curve("wall") = Curve In BoundingBox{-1, -1, -1, 1, 81, 1};
 Physical Point("corner") = Point In BoundingBox{159, -1, -1, 161, 1, 1};
 Physical Surface("sheet") = {3};
 
+// Cells of at most 12 mm, and 24 of their edges around a circle.
 Mesh.MeshSizeMax = 12;
+Mesh.MeshSizeFromCurvature = 24;
