@@ -34,7 +34,7 @@ output = {{ every = 1000 }}
 solver = {{ {solver} }}
 """
 HEAD = f"{'':4}{'cells':>10}{'push':>9}{'ranks':>8}{'dofs':>9}{'set-up s':>10}{'ratio':>7}{'ms/step':>10}{'ratio':>7}"
-HEAD += f"{'its':>6}{'messages':>10}{'kB':>9}{'imbal.':>8}{'MiB':>7}{'touch':>11}"
+HEAD += f"{'its':>6}{'messages':>10}{'kB':>9}{'imbal.':>8}{'MiB':>7}{'touch':>13}"
 
 
 def run(folder, case, ranks, steps):
@@ -105,7 +105,7 @@ def print_row(case, ranks, row, native):
     print(
         f"{case['element']:4}{cells:>10}{case['push']:>9}{ranks or 'native':>8}{row['dofs']:9d}{row['setup']:10.2f}"
         f"{setup:7.2f}{1e3 * row['step']:10.3f}{step:7.2f}{iterations:>6}{row['messages']:10.0f}"
-        f"{row['bytes'] / 1e3:9.1f}{row['imbalance']:8.3f}{row['peak']:7.0f}{row['contact']:>11}",
+        f"{row['bytes'] / 1e3:9.1f}{row['imbalance']:8.3f}{row['peak']:7.0f}{row['contact']:>13}",
         flush=True,
     )
 
