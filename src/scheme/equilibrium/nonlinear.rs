@@ -122,7 +122,7 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
         let mut u = start;
         let (mut x, mut b) = (vec![0.0; u.len()], vec![0.0; u.len()]);
         let mut reaction = vec![0.0; bounds.len()];
-        let (mut last, mut moves, mut indefinite) = (f64::INFINITY, [f64::INFINITY; 2], 0);
+        let (mut residuals, mut moves, mut indefinite) = ([f64::INFINITY; 2], [f64::INFINITY; 3], 0);
         let mut longest = 1.0;
         for iterations in 0..STEPS {
             let now = self.sample(&u)?;
@@ -130,16 +130,17 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
             let problem = Problem { matrix: &alone, rhs: self.load, bounds, length };
             let answer = Answer { x: &mut u, reaction: &mut reaction };
             let kkt = check.residual(engine, &problem, &[&now.force], &answer)?;
-            let [step, before] = moves;
+            // Steps and residuals fall by turns: the last but one tells whether they still do.
+            let ([last, earlier], [step, _, before]) = (residuals, moves);
             let rests = step <= STILL * length || step <= CREEPING * length && step > 0.5 * before;
-            if rests && (kkt <= SETTLED || kkt <= STALLED && kkt > 0.9 * last) {
+            if rests && (kkt <= SETTLED || kkt <= STALLED && kkt > 0.9 * earlier) {
                 return Ok((u, reaction, StepReport { iterations, kkt, retries: 0 }));
             }
             // Where rounding hides the energy, residuals tell that the model is too soft.
             if kkt > last && kkt <= NEAR && self.following.is_none() {
                 longest = LEAST_SHARE.max(0.5 * longest);
             }
-            last = kkt;
+            residuals = [kkt, last];
             // b = F - K U + W' - V'
             let bent = engine.multiply(stiffness, &u, &mut b)?;
             b.iter_mut()
@@ -163,7 +164,7 @@ impl<E: Engine + 'static> NonlinearPlate<'_, E> {
             if indefinite > most_indefinite && engine.comm().all_reduce_all(bounds.is_empty()) {
                 break;
             }
-            moves = [engine.comm().all_reduce_max(largest(x.iter().copied())), moves[0]];
+            moves = [engine.comm().all_reduce_max(largest(x.iter().copied())), moves[0], moves[1]];
             let mut moved = u.clone();
             let reach = self.following.map_or(Ok(1.0), |following| following.reach(0.0, &u, &x))?;
             let mut descends = false;
