@@ -292,6 +292,18 @@ impl Surface {
     pub fn outline(&self) -> Vec<[[f64; 2]; 2]> {
         boundary(&self.cells).into_iter().map(|side| side.map(|point| self.points[point])).collect()
     }
+
+    /// Returns the cells that face an obstacle below (side 0) or above (side 1) with all corners,
+    /// and the other points that face one: stops at single points and along lines.
+    pub fn wall(&self, side: usize) -> (Vec<&Vec<usize>>, Vec<usize>) {
+        let heights = &self.obstacles[side];
+        let is_wall = |point: &usize| heights.get(*point).is_some_and(|height| height.is_finite());
+        let faces: Vec<&Vec<usize>> = self.cells.iter().filter(|cell| cell.iter().all(is_wall)).collect();
+        let mut is_met = vec![false; self.points.len()];
+        faces.iter().copied().flatten().for_each(|&point| is_met[point] = true);
+        let stops = (0..heights.len()).filter(|point| is_wall(point) && !is_met[*point]).collect();
+        (faces, stops)
+    }
 }
 
 /// Largest deflection of a point of an edge that is held, relative to the largest one: values

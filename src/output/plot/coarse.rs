@@ -70,8 +70,9 @@ fn clustered(surface: &Surface) -> Surface {
     }
     let representative = |point: usize| chosen[&square(surface.points[point]).map(|i| i.floor() as i64)].2;
     let mut kept: Vec<usize> = chosen.values().map(|(.., point)| *point).collect();
-    // Points in contact keep their positions.
+    // Points in contact and stops keep their positions.
     kept.extend((0..surface.reaction.len()).filter(|&point| surface.reaction[point] != 0.0));
+    kept.extend([0, 1].into_iter().flat_map(|side| surface.wall(side).1));
     kept.sort_unstable();
     kept.dedup();
     let numbers: HashMap<usize, usize> =
@@ -117,4 +118,39 @@ fn ranks(surface: &Surface) -> Vec<u8> {
         ranks[point] = u8::from(is_straight);
     }
     ranks
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{MOST_FACES, coarsened};
+    use crate::output::vtu::Surface;
+
+    /// A stop at a point of a fine mesh is at the same point of the coarser faces.
+    #[test]
+    fn stops_stay_in_a_coarser_surface() {
+        let side = 80;
+        let number = |i: usize, j: usize| i * (side + 1) + j;
+        let squares = (0..side * side).map(|cell| [cell / side, cell % side]);
+        let corners = |[i, j]: [usize; 2]| [[i, j], [i + 1, j], [i + 1, j + 1], [i, j + 1]];
+        let cells: Vec<Vec<usize>> =
+            squares.map(|cell| corners(cell).map(|[i, j]| number(i, j)).to_vec()).collect();
+        let count = (side + 1) * (side + 1);
+        let mut ceiling = vec![f64::NAN; count];
+        ceiling[number(33, 52)] = 2.0;
+        let fine = Surface {
+            points: (0..count)
+                .map(|point| [point / (side + 1), point % (side + 1)].map(|x| x as f64))
+                .collect(),
+            parents: (0..cells.len()).collect(),
+            cells,
+            deflection: vec![0.0; count],
+            obstacles: [vec![f64::NAN; count], ceiling],
+            ..Surface::default()
+        };
+        let coarse = coarsened(fine);
+        assert!(coarse.cells.len() < 2 * MOST_FACES && coarse.points.len() < count);
+        let stops = coarse.wall(1).1;
+        assert_eq!(stops.iter().map(|&stop| coarse.points[stop]).collect::<Vec<_>>(), [[33.0, 52.0]]);
+        assert_eq!(coarse.obstacles[1][stops[0]], 2.0);
+    }
 }

@@ -253,13 +253,9 @@ impl Wall {
             let edges = vec![[a, b], [b, c], [c, d], [d, a]];
             return Wall { faces: vec![vec![a, b, c, d]], edges, stops: Vec::new() };
         }
-        let is_wall = |point: &usize| heights.get(*point).is_some_and(|height| height.is_finite());
-        let faces: Vec<&Vec<usize>> = surface.cells.iter().filter(|face| face.iter().all(is_wall)).collect();
-        let mut is_met = vec![false; surface.points.len()];
-        faces.iter().copied().flatten().for_each(|&point| is_met[point] = true);
-        let stops = (0..heights.len()).filter(|point| is_wall(point) && !is_met[*point]);
+        let (faces, stops) = surface.wall(side);
         Wall {
-            stops: stops.map(place).collect(),
+            stops: stops.into_iter().map(place).collect(),
             edges: boundary(faces.iter().copied()).into_iter().map(|side| side.map(place)).collect(),
             faces: faces.into_iter().map(|face| face.iter().map(|&point| place(point)).collect()).collect(),
         }

@@ -184,6 +184,7 @@ impl ShownPoints {
         let coarse = coarse::coarsened(bare);
         let number = |point: usize| coarse.deflection[point] as usize;
         let mut points: Vec<usize> = coarse.cells.iter().flatten().map(|&point| number(point)).collect();
+        points.extend([0, 1].into_iter().flat_map(|side| surface.wall(side).1));
         points.sort_unstable();
         points.dedup();
         sort_by_place(&mut points, &surface.points);
