@@ -90,7 +90,7 @@ fn contacts(summary: &Value) -> Option<String> {
 }
 
 /// Returns force and impulse of an obstacle or a support.
-fn force_of(force: &Value) -> String {
+pub(super) fn force_of(force: &Value) -> String {
     let (Some(peak), Some(time), Some(impulse)) = (
         quantity(&force["peak"], "N"),
         quantity(&force["time_of_peak"], "s"),

@@ -129,8 +129,8 @@ impl RunFolder {
             ("energy", run::energy(table, title)),
         ];
         let touched = contacts.as_deref().unwrap_or_default();
-        figures
-            .extend(forces::forces(table, touched, scene, title, opposite).map(|figure| ("forces", figure)));
+        let forces = forces::forces(table, touched, summary, title, opposite);
+        figures.extend(forces.map(|figure| ("forces", figure)));
         let mut absent = Vec::new();
         match contacts {
             Some(contacts) if !contacts.is_empty() => {

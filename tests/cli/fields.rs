@@ -154,7 +154,7 @@ fn plot_draws_all_that_a_run_left() {
         ("contacts", "contact node"),
         ("phase", "velocity (m/s)"),
         ("spectrum", "frequency (Hz)"),
-        ("forces", "impulse on a node (N s)"),
+        ("forces", "impulse of obstacle_1 (N s)"),
         ("snapshots", "t = 25 ms"),
     ];
     for (name, words) in pictures {

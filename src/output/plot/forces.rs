@@ -1,64 +1,153 @@
-//! Forces of obstacles: over time and the gap where they yield, as impulses where they are rigid.
+//! Forces of stops: over time and the gap where they yield, as impulses where they are rigid.
 
-use super::run::{panels, time};
+use super::run::{joined, panels, time};
 use super::{Axis, Curve, Figure, Panel};
+use crate::geometry::range;
+use crate::output::answers::force_of;
 use crate::output::contacts::Contact;
 use crate::output::history::Table;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Contacts of an obstacle, each with an instant (s) and an impulse (N s).
+/// Contacts of a stop, each with an instant (s) and an impulse (N s).
 type Impulses = Vec<[f64; 2]>;
 
-/// Plots each named obstacle in panels of its own: the force of a compliant one over time, and over
-/// the gap at each probe of a deflection that faces it at rest; the impulse of each contact of a
-/// rigid one, since its force depends on the time step. Where no obstacle has a name and one is
-/// rigid, each contact of a node is an impulse. `None` if there is nothing to plot.
+/// Largest number of stops with panels of their own.
+const MOST_STOPS: usize = 12;
+/// Number of steps between contacts of a stop; a release for a single step ends none.
+const APART: f64 = 2.5;
+/// Part of the run below which a panel shows the time of the contacts alone.
+const BRIEF: f64 = 0.1;
+
+/// Plots each obstacle and ball that was touched, under what the run tells of it: the force of a
+/// compliant one over time, with the peak of all steps, and over the gap at each probe of a
+/// deflection that faces it at rest; otherwise the impulse of each contact, since the force of a
+/// rigid one depends on the time step. `None` if there is nothing to plot.
 ///
-/// `scene` is the resolved scene, and `opposite` has the heights of the obstacles that each probe
-/// faces, in m. A gap is negative where a compliant stop yields.
+/// The history has the force of a named stop, and of the only one. `opposite` has the heights of
+/// the obstacles that each probe faces, in m. A gap is negative where a compliant stop yields.
 pub fn forces(
     table: &Table,
     contacts: &[Contact],
-    scene: &Value,
+    summary: &Value,
     title: &str,
     opposite: &BTreeMap<String, Vec<f64>>,
 ) -> Option<Figure> {
     let times = table.column("time").unwrap_or_default();
-    let obstacles: Vec<&Value> = scene["obstacle"].as_array().into_iter().flatten().collect();
-    let (mut compliant, mut rigid) = (Vec::new(), Vec::new());
-    for obstacle in &obstacles {
-        let Some(name) = obstacle["name"].as_str() else { continue };
-        let Some((_, force)) = table.forces().find(|(other, _)| *other == name) else { continue };
-        if obstacle["stiffness"].is_null() {
-            let impulses = table.column(&format!("impulse_{name}")).unwrap_or_default();
-            rigid.push(stems(table, &format!("impulse of {name}"), impulses_of_contacts(times, impulses)));
-            continue;
+    let (stops, is_sole) = touched(summary);
+    let nodes: Vec<Option<usize>> = stops.iter().map(|stop| stop.node(contacts)).collect();
+    let panels_of = |stop: &TouchedStop| {
+        let TouchedStop { name, entry, told, is_ball } = stop;
+        let of_stop = stop.contacts(contacts, &nodes, &summary["scene"]["time"]["step"]);
+        let time = || around(table, of_stop.as_deref().unwrap_or_default());
+        let named = table.forces().find(|(other, _)| other == name).map(|(_, force)| force.to_vec());
+        let sign = if *is_ball { -1.0 } else { 1.0 };
+        let sole = || Some(table.column("contact_force")?.iter().map(|force| sign * force).collect());
+        let force = named.or_else(|| sole().filter(|_| is_sole)).filter(|_| !entry["stiffness"].is_null());
+        let mut panels = Vec::new();
+        if let Some(force) = force {
+            let axis = || Axis::linear(format!("force of {name}"), "N").with([0.0]);
+            let curve = Curve::of("", times, &force).palette(1).width(0.6);
+            let peak = told["time_of_peak"].as_f64().zip(told["peak"].as_f64());
+            let peak = Curve::new("peak of all steps", peak.map(<[f64; 2]>::from).into_iter().collect());
+            let curves = [peak.marks(3).size(0.7).scattered(), curve];
+            panels.push(Panel::new(time(), axis()).height(HEIGHT).curves(curves));
+            panels.extend(over_gap(table, entry, &force, opposite, axis));
+        } else if let Some(of_stop) = &of_stop {
+            let impulse = |(_, [begin, _], impulse): &(usize, [f64; 2], f64)| [*begin, sign * impulse];
+            panels.push(stems(time(), name, of_stop.iter().map(impulse).collect()));
+        } else if let Some(impulses) = table.column(&format!("impulse_{name}")) {
+            panels.push(stems(time(), name, impulses_of_contacts(times, impulses)));
         }
-        let axis = || Axis::linear(format!("force of {name}"), "N").with([0.0]);
-        let curve = Curve::of("", times, force).palette(1).width(0.6);
-        compliant.push(Panel::new(time(table), axis()).height(HEIGHT).curve(curve));
-        compliant.extend(over_gap(table, obstacle, force, opposite, axis));
-    }
-    if compliant.is_empty() && rigid.is_empty() && obstacles.iter().any(|stop| stop["stiffness"].is_null()) {
-        let impulses: Impulses = contacts.iter().map(|contact| [contact.begin, contact.impulse]).collect();
-        if !impulses.is_empty() {
-            rigid.push(stems(table, "impulse on a node", impulses));
+        if let Some(first) = panels.first_mut() {
+            first.heading = format!("{name}: {}", force_of(told).replace(" u", " \u{b5}"));
         }
+        panels
+    };
+    let drawn: Vec<Panel> = stops.iter().take(MOST_STOPS).flat_map(panels_of).collect();
+    (!drawn.is_empty()).then(|| panels(Figure::new(title), drawn))
+}
+
+/// Obstacle or ball that was touched.
+struct TouchedStop<'s> {
+    /// Name that the scene gives it, or else the summary.
+    name: String,
+    /// Table of the resolved scene.
+    entry: &'s Value,
+    /// Forces in the summary.
+    told: &'s Value,
+    is_ball: bool,
+}
+
+/// Returns the obstacles and balls of a run that were touched, and whether the scene has just one.
+fn touched(summary: &Value) -> (Vec<TouchedStop<'_>>, bool) {
+    let stop = |kind: &'static str| {
+        let entries = summary["scene"][kind].as_array().into_iter().flatten().enumerate();
+        entries.map(move |(index, entry)| {
+            let name = entry["name"].as_str().map_or_else(|| format!("{kind}_{}", index + 1), str::to_owned);
+            TouchedStop { told: &summary["forces"][&name], name, entry, is_ball: kind == "ball" }
+        })
+    };
+    let mut stops: Vec<TouchedStop> = ["obstacle", "ball"].into_iter().flat_map(stop).collect();
+    let is_sole = stops.len() == 1;
+    stops.retain(|stop| stop.told["impacts"].as_u64() > Some(0));
+    (stops, is_sole)
+}
+
+impl TouchedStop<'_> {
+    /// Returns the node of a stop at a point.
+    fn node(&self, contacts: &[Contact]) -> Option<usize> {
+        let [x, y]: [f64; 2] = serde_json::from_value(self.entry["at"].clone()).ok()?;
+        let distance = |contact: &Contact| (contact.at[0] - x).hypot(contact.at[1] - y);
+        contacts.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|contact| contact.node)
     }
-    compliant.append(&mut rigid);
-    (!compliant.is_empty()).then(|| panels(Figure::new(title), compliant))
+
+    /// Returns the contacts of the stop, with their intervals (s) and impulses (N s), those of its
+    /// nodes taken together: its one node, or all that are not `nodes` of other stops. `None` if
+    /// these do not have its impulse, since others touch there too.
+    fn contacts(
+        &self,
+        contacts: &[Contact],
+        nodes: &[Option<usize>],
+        step: &Value,
+    ) -> Option<Vec<(usize, [f64; 2], f64)>> {
+        let sense = if (self.entry["side"] == "below") == self.is_ball { -1.0 } else { 1.0 };
+        let node = self.node(contacts);
+        let is_node = |other: usize| match node {
+            Some(node) => node == other,
+            None => !nodes.contains(&Some(other)),
+        };
+        let is_of = |contact: &&Contact| sense * contact.impulse >= 0.0 && is_node(contact.node);
+        let together = |contact: &Contact| Contact { node: node.unwrap_or_default(), ..*contact };
+        let mut rows: Vec<Contact> = contacts.iter().filter(is_of).map(together).collect();
+        rows.sort_by(|a, b| a.begin.total_cmp(&b.begin));
+        let rows = joined(&rows, APART * step.as_f64()?);
+        let sum = rows.iter().map(|(.., impulse)| impulse.abs()).sum::<f64>();
+        let told = self.told["impulse"].as_f64()?.abs();
+        ((sum - told).abs() <= 1e-6 * told).then_some(rows)
+    }
+}
+
+/// Creates the axis of all times or, where contacts take a small part of them, of that part.
+fn around(table: &Table, contacts: &[(usize, [f64; 2], f64)]) -> Axis {
+    let [begin, end] = range(contacts.iter().flat_map(|(_, ends, _)| *ends));
+    let room = 0.2 * (end - begin);
+    let last = table.column("time").and_then(<[f64]>::last).copied().unwrap_or_default();
+    let is_brief = room > 0.0 && end - begin < BRIEF * last;
+    let part = || Axis::linear("time", "s").within((begin - room).max(0.0), (end + room).min(last));
+    if is_brief { part() } else { time(table) }
 }
 
 /// Height of a panel, in points.
 const HEIGHT: f64 = 100.0;
 
 /// Plots impulses as lines from zero.
-fn stems(table: &Table, label: &str, impulses: Impulses) -> Panel {
+fn stems(time: Axis, name: &str, impulses: Impulses) -> Panel {
     // A NaN interrupts the line.
     let stem = |[time, impulse]: [f64; 2]| [[time, 0.0], [time, impulse], [f64::NAN; 2]];
     let stems = Curve::new("", impulses.into_iter().flat_map(stem).collect()).palette(1).width(0.7);
-    Panel::new(time(table), Axis::linear(label, "N s").with([0.0])).height(HEIGHT).curve(stems)
+    let axis = Axis::linear(format!("impulse of {name}"), "N s").with([0.0]);
+    Panel::new(time, axis).height(HEIGHT).curve(stems)
 }
 
 /// Returns the contacts in the impulses since the last row, which are zero between contacts; each
@@ -105,6 +194,44 @@ fn near_contact(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use serde_json::json;
+
+    /// Stops without a name have their own contacts, also where a release lasted a single step;
+    /// contacts that two of them share belong to none.
+    #[test]
+    fn contacts_belong_to_the_stop_at_their_node() {
+        let contact = |node: usize, begin: f64, end: f64, impulse: f64| Contact {
+            node,
+            at: [node as f64, 0.0],
+            begin,
+            end,
+            impulse,
+        };
+        let contacts = [contact(3, 0.5, 0.6, 2.0), contact(1, 0.2, 0.3, 1.0), contact(3, 0.8, 0.9, 4.0)];
+        let mut summary = json!({
+            "scene": {
+                "time": { "step": 0.1 },
+                "obstacle": [{ "side": "below", "at": [1, 0] }, { "side": "below", "where": "x > 2" }],
+                "ball": [{ "side": "above", "at": [8, 0] }],
+            },
+            "forces": {
+                "obstacle_1": { "impacts": 1, "impulse": 1.0 },
+                "obstacle_2": { "impacts": 1, "impulse": 6.0 },
+                "ball_1": { "impacts": 0, "impulse": 0.0 },
+            },
+        });
+        let told = |summary: &Value| {
+            let (stops, is_sole) = touched(summary);
+            assert!(!is_sole && stops.iter().map(|stop| &stop.name).eq(["obstacle_1", "obstacle_2"]));
+            let nodes: Vec<_> = stops.iter().map(|stop| stop.node(&contacts)).collect();
+            let step = &summary["scene"]["time"]["step"];
+            stops.iter().map(|stop| stop.contacts(&contacts, &nodes, step)).collect::<Vec<_>>()
+        };
+        let expected = [vec![(1, [0.2, 0.3], 1.0)], vec![(0, [0.5, 0.9], 6.0)]];
+        assert_eq!(told(&summary), expected.map(Some));
+        summary["scene"]["obstacle"][0]["at"] = Value::Null;
+        assert_eq!(told(&summary), [None, None]);
+    }
 
     /// The sum of the contacts is the whole impulse, and each begins at its first row.
     #[test]

@@ -132,13 +132,13 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: &[[[f
 }
 
 /// Returns node, interval (s) and impulse (N s) of contacts, joined where closer than `apart` s.
-fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], f64)> {
+pub(super) fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], f64)> {
     let mut of_node: BTreeMap<usize, Vec<(usize, [f64; 2], f64)>> = BTreeMap::new();
     for &Contact { node, begin, end, impulse, .. } in contacts {
         let bars = of_node.entry(node).or_default();
         match bars.last_mut() {
             Some((_, [_, last], sum)) if begin - *last < apart => {
-                *last = end;
+                *last = last.max(end);
                 *sum += impulse;
             }
             _ => bars.push((node, [begin, end], impulse)),
