@@ -132,13 +132,15 @@ fn quantities(report: &SweepReport, probes: usize, name: impl Fn(&ProbeHead) -> 
     quantities
 }
 
-/// Returns crosses at the values of runs whose motion does not repeat, if there are any: such a
-/// value changes with the number of periods.
-fn unsettled(report: &SweepReport, value: &dyn Fn(&Measures) -> Option<f64>) -> Option<Curve> {
-    let measured = report.rows.iter().filter_map(|row| Some((row.values[0], row.measures.as_ref()?)));
+/// Returns crosses at the places of runs whose motion does not repeat, if there are any: a value of
+/// such a run changes with the number of periods.
+fn unsettled<'r>(
+    runs: impl Iterator<Item = (&'r SweepRow, &'r Measures)>,
+    place: impl Fn(&SweepRow, &Measures) -> Option<[f64; 2]>,
+) -> Option<Curve> {
     // Without a probe nothing tells whether a motion repeats.
-    let unsettled = measured.filter(|(_, run)| run.period.is_none() && !run.probes.is_empty());
-    let points: Vec<[f64; 2]> = unsettled.filter_map(|(key, run)| Some([key, value(run)?])).collect();
+    let unsettled = runs.filter(|(_, run)| run.period.is_none() && !run.probes.is_empty());
+    let points: Vec<[f64; 2]> = unsettled.filter_map(|(row, run)| place(row, run)).collect();
     let name = "does not repeat";
     (!points.is_empty()).then(|| Curve::new(name, points).color(Color::GREY).marks(4).size(0.8).scattered())
 }
@@ -158,7 +160,8 @@ fn response(report: &SweepReport) -> Figure {
         });
         let axis = Axis::linear(name, unit).with([0.0]);
         let panel = Panel::new(key_axis(report, 0), axis).height(80.0).curves(curves);
-        let panel = panel.curves(unsettled(report, &*value));
+        let runs = directions(report).flat_map(|(direction, ..)| runs_of(report, direction));
+        let panel = panel.curves(unsettled(runs, |row, run| Some([row.values[0], value(run)?])));
         if index < last { panel.without_x_labels() } else { panel }
     };
     quantities.into_iter().enumerate().map(panel).fold(Figure::new(&report.title), Figure::panel)
@@ -223,7 +226,10 @@ fn map_panel(
         key_axis(report, key).with(ends).tight()
     };
     let ramp = Ramp::new(quantity, unit, [low, high], shade);
-    Panel::new(axis(0), axis(1)).height(130.0).bars(bars).ramp(ramp)
+    let place = |row: &SweepRow, run: &Measures| value(run).map(|_| [row.values[0], row.values[1]]);
+    // Grey would not show on colours between the ends.
+    let crosses = unsettled(runs_of(report, direction), place).map(|crosses| crosses.palette(1));
+    Panel::new(axis(0), axis(1)).height(130.0).bars(bars).curves(crosses).ramp(ramp)
 }
 
 /// Returns different values, each with the ends of its cell, half-way to its neighbours.

@@ -112,6 +112,8 @@ fn results_are_the_same_with_any_jobs_and_order() {
     let other = sweep("other", &["--over", "a=350,50,250,150", "--jobs", "2"]);
     assert_eq!(sorted(&other), sorted(&one));
     assert!(folder.join("one/plots/map.png").exists());
+    let map = fs::read_to_string(folder.join("one/plots/map.svg")).unwrap();
+    assert!(map.contains("does not repeat"), "crosses at runs without a period, such as at a = 350");
     // Rows of carried runs are apart from each other too.
     let up = sweep("up", &["--over", "a=50..350:4", "--up"]);
     assert_eq!(sweep("ups", &["--over", "a=50..350:4", "--up", "--jobs", "2"]), up);
