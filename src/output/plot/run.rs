@@ -226,27 +226,28 @@ pub fn spectrum(table: &Table, title: &str, natural: &[f64]) -> Figure {
             .enumerate()
             .map(|(i, (name, points))| Curve::new(name, points).style(i).width(0.6));
         let panel = Panel::new(frequency, amplitude).height(110.0).curves(curves);
-        let within = natural_lines(natural).into_iter().filter(|(line, _)| (first..=last).contains(line));
-        within.fold(panel, |panel, (line, remark)| panel.rule_at_x(line, remark))
+        let lines = natural_lines(natural, [first, last]);
+        lines.into_iter().fold(panel, |panel, (line, remark)| panel.rule_at_x(line, remark))
     };
     table.axes().into_iter().map(panel).fold(Figure::new(title), Figure::panel)
 }
 
-/// Ratio of frequencies below which the numbers of modes stand together.
-const APART: f64 = 1.3;
+/// Part of a logarithmic axis within which the numbers of modes stand together, such as "12–17".
+const APART: f64 = 0.14;
 
-/// Returns natural frequencies (Hz, ascending) with the numbers of their modes, where those of
-/// close ones are beside the first.
-fn natural_lines(natural: &[f64]) -> Vec<(f64, String)> {
+/// Returns the natural frequencies (Hz, ascending) between two ends with the numbers of their
+/// modes, where those of close ones are beside the first.
+fn natural_lines(natural: &[f64], [low, high]: [f64; 2]) -> Vec<(f64, String)> {
     let mut lines: Vec<(f64, String)> = Vec::new();
-    let mut labelled = 0;
-    for (number, &frequency) in natural.iter().enumerate().filter(|(_, frequency)| **frequency > 0.0) {
-        let mut remark = (number + 1).to_string();
-        match lines.get_mut(labelled) {
-            Some((first, remarks)) if frequency < APART * *first => {
-                *remarks += &format!(",{}", std::mem::take(&mut remark));
+    let mut labelled = (0, 0);
+    for (&frequency, number) in natural.iter().zip(1..).filter(|(f, _)| (low..=high).contains(*f)) {
+        let (line, first) = labelled;
+        let mut remark = String::new();
+        match lines.get_mut(line) {
+            Some((start, remarks)) if frequency < *start * (high / low).powf(APART) => {
+                *remarks = format!("{first}\u{2013}{number}");
             }
-            _ => labelled = lines.len(),
+            _ => (labelled, remark) = ((lines.len(), number), number.to_string()),
         }
         lines.push((frequency, remark));
     }
@@ -327,8 +328,8 @@ mod tests {
 
     #[test]
     fn numbers_of_close_modes_stand_together() {
-        let lines = natural_lines(&[0.0, 10.0, 12.0, 20.0]);
-        let expected = [(10.0, "2,3"), (12.0, ""), (20.0, "4")];
+        let lines = natural_lines(&[0.0, 10.0, 12.0, 13.0, 20.0, 300.0], [5.0, 100.0]);
+        let expected = [(10.0, "2\u{2013}4"), (12.0, ""), (13.0, ""), (20.0, "5")];
         assert_eq!(lines, expected.map(|(frequency, remark)| (frequency, remark.to_owned())));
     }
 }

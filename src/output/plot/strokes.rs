@@ -82,11 +82,8 @@ impl Panel {
                     paper.rectangle(a, [b[0].max(a[0] + 0.4), b[1].max(a[1] + 0.3)], bar.color);
                 }
             }
-            for (x, remark) in &self.rules {
-                let Some(x) = at_x(*x).filter(within(left, right)) else { continue };
-                paper.line([x, top], [x, bottom], RULE);
-                draw_beside(paper, remark, [x, top + 0.7 * REMARK.line()], right);
-            }
+            let lines = self.rules.iter().filter_map(|(x, _)| at_x(*x).filter(within(left, right)));
+            lines.for_each(|x| paper.line([x, top], [x, bottom], RULE));
             for &(order, [x0, y0]) in &self.slopes {
                 let line = |x: f64| drawn([x, y0 * (x / x0).powf(order)]);
                 let (Some(a), Some(b), Some(middle)) = (line(x_axis.low), line(x_axis.high), drawn([x0, y0]))
@@ -116,6 +113,17 @@ impl Panel {
             let is_inside = |point: &At| within(left, right)(&point[0]) && within(top, bottom)(&point[1]);
             let places = curve.points.iter().filter_map(|&point| drawn(point)).filter(is_inside);
             draw_markers(paper, &places.collect::<Vec<_>>(), marker, curve);
+        }
+        // Remarks are drawn over the curves, and none over another.
+        let mut covered: Vec<[f64; 2]> = Vec::new();
+        for (x, remark) in self.rules.iter().filter(|(_, remark)| !remark.is_empty()) {
+            let Some(x) = at_x(*x).filter(within(left, right)) else { continue };
+            let width = REMARK.width(remark);
+            let start = if x + width + 3.0 > right { x - 2.0 - width } else { x + 2.0 };
+            if covered.iter().all(|[from, to]| start > *to || start + width < *from) {
+                paper.text(remark, [start, top + 0.7 * REMARK.line()], REMARK, Anchor::Start);
+                covered.push([start, start + width]);
+            }
         }
         if self.bars.is_empty() && strokes.iter().all(|stroke| stroke.lines.is_empty()) {
             paper.text("no data", [0.5 * (left + right), 0.5 * (top + bottom)], LABEL, Anchor::Middle);
@@ -181,13 +189,6 @@ pub(super) fn draw_solid(paper: &mut Canvas, [left, y]: At, [right, end]: At, de
         let x = left + run + HATCH * i as f64;
         paper.line([x, y], [x - run, y + depth], SOLID_EDGE);
     }
-}
-
-/// Draws a remark to the right of a place, or to its left where it would go beyond `right`.
-fn draw_beside(paper: &mut Canvas, remark: &str, [x, y]: At, right: f64) {
-    let is_late = x + REMARK.width(remark) + 3.0 > right;
-    let (x, anchor) = if is_late { (x - 2.0, Anchor::End) } else { (x + 2.0, Anchor::Start) };
-    paper.text(remark, [x, y], REMARK, anchor);
 }
 
 /// Returns the length of a line, in points.
