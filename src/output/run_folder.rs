@@ -34,6 +34,10 @@ const LARGEST: &str = "Largest at either face,";
 /// Largest number of snapshots that are read for this.
 const MOST_STRESSES: usize = 100;
 
+/// Surface with the largest stress at each point, which stress that is, and place (m) and time (s)
+/// of the largest of all, where the run tells them.
+type LargestStress = (Surface, String, Option<([f64; 2], f64)>);
+
 /// Pictures of a run by name, and remarks on those that it lacks.
 type RunPictures = (Vec<(&'static str, Figure)>, Vec<&'static str>);
 
@@ -158,7 +162,9 @@ impl RunFolder {
             figures.push(("snapshots", perspective::colored(snapshots, title, ColorBy::Deflection)));
         }
         match self.largest_stress()? {
-            Some((surface, what)) => figures.push(("extremes", plan::stress(surface, title, &what))),
+            Some((surface, what, told)) => {
+                figures.push(("extremes", plan::stress(surface, title, &what, told)));
+            }
             None => {
                 absent.push("no plan of stresses: the run watched none (output.extremes or output.stresses)")
             }
@@ -167,10 +173,13 @@ impl RunFolder {
     }
 
     /// Reads the largest stress at each point of the plate, over all steps or, where the run did
-    /// not watch these, over its snapshots; tells which.
-    fn largest_stress(&self) -> Result<Option<(Surface, String)>> {
+    /// not watch these, over its snapshots; tells which, and place (m) and time (s) of the largest.
+    fn largest_stress(&self) -> Result<Option<LargestStress>> {
         if let Some(path) = extremes::find(&self.folder) {
-            return Ok(Some((vtu::read(&path)?, format!("{LARGEST} of all steps"))));
+            let told = &self.summary["extremes"]["von_mises"];
+            let place = serde_json::from_value(told["at"].clone()).ok();
+            let what = format!("{LARGEST} of all steps");
+            return Ok(Some((vtu::read(&path)?, what, place.zip(told["time"].as_f64()))));
         }
         let mut sum: Option<Surface> = None;
         let snapshots = perspective::spread(&self.snapshots, MOST_STRESSES);
@@ -187,7 +196,7 @@ impl RunFolder {
                 None => sum = Some(surface),
             }
         }
-        Ok(sum.map(|surface| (surface, format!("{LARGEST} of {} snapshots", snapshots.len()))))
+        Ok(sum.map(|surface| (surface, format!("{LARGEST} of {} snapshots", snapshots.len()), None)))
     }
 }
 

@@ -258,13 +258,19 @@ pub fn engineering(value: f64, unit: &str) -> String {
 pub fn place(point: [f64; 2]) -> String {
     let largest = point[0].abs().max(point[1].abs());
     let (scale, prefix) = prefix(largest);
-    let decimals = (3.0 - (largest / scale).log10().floor()).clamp(0.0, 3.0) as usize;
+    place_in(point, scale, &format!("{prefix}m"))
+}
+
+/// Formats the coordinates of a point, given in m, in a unit of some metres.
+pub fn place_in(point: [f64; 2], scale: f64, unit: &str) -> String {
+    let largest = point[0].abs().max(point[1].abs());
+    let decimals = (3.0 - (largest / scale).log10().floor()).clamp(0.0, 6.0) as usize;
     let [x, y] = point.map(|x| {
         let digits = format!("{:.decimals$}", x / scale);
         let digits = without_idle_zeros(&digits);
         if digits == "-0" { "0".to_owned() } else { digits.to_owned() }
     });
-    format!("({x}, {y}) {prefix}m")
+    format!("({x}, {y}) {unit}")
 }
 
 /// Returns the power of 1000 that leaves one to three digits of a value before the point, after

@@ -382,7 +382,7 @@ fn colours_are_explained_in_the_units_of_axes() {
     let cases = [
         ("m", [-4.8e-4, 2e-3], ["\u{2212}0.48", "2"], "quantity (mm)"),
         ("m", [-0.094, 0.21], ["\u{2212}0.094", "0.21"], "quantity (m)"),
-        ("Pa", [2.2e6, 5.8e8], ["0.0022", "0.58"], "quantity (GPa)"),
+        ("Pa", [2.2e6, 5.8e8], ["2.2", "580"], "quantity (MPa)"),
         ("N s", [3e-6, 3e-3], ["0.003", "3"], "quantity (mN s)"),
         ("1/s", [0.0, 4e-3], ["0", "4"], "quantity (10⁻³ 1/s)"),
         ("m", [f64::INFINITY, f64::NEG_INFINITY], ["", ""], "quantity (m)"),

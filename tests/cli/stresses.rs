@@ -48,7 +48,9 @@ fn envelope_snapshots_and_pictures() {
     assert!(forces.contains("gap (mm)") && forces.contains("time ("), "a compliant stop over time and gap");
     let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();
     let place = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
-    assert!(picture.contains(&format!(" at {}", text::place(place))), "the place of the largest stress");
+    let time = summary(&run)["extremes"]["von_mises"]["time"].as_f64().unwrap();
+    let told = format!(" at {}, {}", text::place_in(place, 1.0, "m"), text::engineering(time, "s"));
+    assert!(picture.contains(&told), "place and time of the largest stress, in the unit of the axes");
     let bar = "von Mises stress (MPa)";
     assert!(picture.contains(bar) && picture.contains("of all steps"), "{picture}");
     std::fs::remove_file(extremes::find(&run).unwrap()).unwrap();

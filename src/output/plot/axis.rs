@@ -116,7 +116,7 @@ impl Axis {
         let pad = pad * (high - low);
         let [low, high] = [low - pad, high + pad];
         let magnitude = self.magnitude.unwrap_or(low.abs().max(high.abs()));
-        let exponent = exponent(magnitude / per, self.symbol.is_empty());
+        let exponent = exponent(magnitude / per, &self.symbol);
         let unit = per * 10f64.powi(exponent);
         let (first, last) = (low / unit, high / unit);
         let slack = 1e-9;
@@ -208,7 +208,7 @@ fn prefixed(symbol: &str, exponent: i32) -> String {
 
 /// Returns the unit of an axis whose values reach a magnitude, and its value in terms of `symbol`.
 pub(super) fn unit(symbol: &str, magnitude: f64) -> (String, f64) {
-    let exponent = if (LEAST..GREATEST).contains(&magnitude) { exponent(magnitude, false) } else { 0 };
+    let exponent = if (LEAST..GREATEST).contains(&magnitude) { exponent(magnitude, symbol) } else { 0 };
     (prefixed(symbol, exponent), 10f64.powi(exponent))
 }
 
@@ -262,11 +262,14 @@ fn wide_enough([low, high]: [f64; 2]) -> [f64; 2] {
 }
 
 /// Returns the power of ten, a multiple of three, that gives short tick texts.
-fn exponent(magnitude: f64, is_pure: bool) -> i32 {
-    // Numbers from 0.1 up to 100 of a unit, but 200 GPa instead of 0.2 TPa.
-    let shift = if (1e11..1e12).contains(&magnitude) { 0.0 } else { 1.0 };
+fn exponent(magnitude: f64, symbol: &str) -> i32 {
+    // Numbers from 0.1 up to 100 of a unit; from 1 up to 1000 of one of stress, or of less than a
+    // second: 150 MPa instead of 0.15 GPa, as answers have it.
+    let is_whole = symbol == "Pa" || symbol == "s" && magnitude < 0.1;
+    let shift = if is_whole { 0.0 } else { 1.0 };
     let exponent = 3 * ((magnitude.log10() + shift) / 3.0).floor() as i32;
-    if (1e-2..1e4).contains(&magnitude) && (exponent > 0 || is_pure) { 0 } else { exponent }
+    let is_plain = exponent > 0 && symbol != "Pa" || symbol.is_empty();
+    if (1e-2..1e4).contains(&magnitude) && is_plain { 0 } else { exponent }
 }
 
 /// Rounds up to 1, 2 or 5 times a power of ten.
@@ -291,5 +294,18 @@ fn power_of_ten(exponent: i32) -> String {
         0 => "1".to_owned(),
         1 => "10".to_owned(),
         _ => format!("10{}", exponent.to_string().chars().map(superscript).collect::<String>()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::unit;
+
+    #[test]
+    fn stresses_and_short_times_have_whole_numbers() {
+        let name = |symbol, magnitude| unit(symbol, magnitude).0;
+        assert_eq!([name("Pa", 1.7e8), name("Pa", 2.1e11), name("Pa", 5e3)], ["MPa", "GPa", "kPa"]);
+        assert_eq!([name("s", 1e-4), name("s", 0.05), name("s", 0.5)], ["\u{b5}s", "ms", "s"]);
+        assert_eq!([name("m", 2e-4), name("N", 500.0)], ["mm", "N"]);
     }
 }

@@ -1,11 +1,11 @@
 //! Plan of the plate: a field in bands between contour lines, with its colour bar.
 
-use super::axis::Fitted;
+use super::axis::{Fitted, unit};
 use super::perspective::depth;
 use super::{Axis, Bar, Color, Curve, Figure, Panel};
 use crate::geometry::range;
 use crate::output::plot::coarse::coarsened;
-use crate::output::text::{self, engineering};
+use crate::output::text::{engineering, place_in};
 use crate::output::vtu::Surface;
 
 /// Largest height of a plan, in points, and its width.
@@ -15,8 +15,11 @@ const WIDTH: f64 = 200.0;
 const LINES: usize = 12;
 
 /// Creates an empty plan of a plate with an outline, as pairs of points in m, and other points
-/// that it must show.
-pub(super) fn plan(outline: &[[[f64; 2]; 2]], others: impl Iterator<Item = [f64; 2]> + Clone) -> Panel {
+/// that it must show; and tells the size (m) that chooses the unit of its axes.
+pub(super) fn plan(
+    outline: &[[[f64; 2]; 2]],
+    others: impl Iterator<Item = [f64; 2]> + Clone,
+) -> (Panel, f64) {
     let places = || outline.iter().flatten().copied().chain(others.clone());
     let [[left, right], [front, back]] = [0, 1].map(|axis| range(places().map(|place| place[axis])));
     let size = (right - left).max(back - front);
@@ -26,23 +29,22 @@ pub(super) fn plan(outline: &[[[f64; 2]; 2]], others: impl Iterator<Item = [f64;
     let axis = |name, [low, high]: [f64; 2]| Axis::linear(name, "m").in_unit_of(size).within(low, high);
     // A NaN interrupts the line.
     let edges = outline.iter().flat_map(|&[a, b]| [a, b, [f64::NAN; 2]]).collect();
-    Panel::new(axis("x", ends(left, right)), axis("y", ends(front, back)))
+    let plan = Panel::new(axis("x", ends(left, right)), axis("y", ends(front, back)))
         .height((WIDTH * width / length).clamp(30.0, TALLEST))
         .equal_scales()
-        .curve(Curve::new("", edges).color(Color::GREY).width(0.6))
+        .curve(Curve::new("", edges).color(Color::GREY).width(0.6));
+    (plan, size)
 }
 
 /// Draws the von Mises stress of a surface, the larger of both faces of the plate, with a mark at
-/// its largest value; `what` tells which stress it is.
-pub fn stress(surface: Surface, title: &str, what: &str) -> Figure {
+/// its largest value; `what` tells which stress it is, and `told` the place (m) and the time (s) of
+/// the largest, where the run tells them.
+pub fn stress(surface: Surface, title: &str, what: &str, told: Option<([f64; 2], f64)>) -> Figure {
     let values = surface.von_mises.iter().copied().zip(&surface.points);
     let peak = values.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(value, &place)| (value, place));
     let surface = coarsened(surface);
     let ends = range(surface.von_mises.iter().copied().filter(|value| value.is_finite()));
-    let largest = ends[1].abs();
-    // A tenth of the largest stress chooses the prefix, for 150 MPa instead of 0.15 GPa.
-    let axis = Axis::linear("von Mises stress", "Pa").in_unit_of(0.1 * largest).ticks(LINES);
-    let axis = axis.within(ends[0], ends[1]);
+    let axis = Axis::linear("von Mises stress", "Pa").ticks(LINES).within(ends[0], ends[1]);
     let bands = Bands::of(&axis.fit([].into_iter(), LINES));
     let (mut areas, mut lines) = (Vec::new(), Vec::new());
     for face in &surface.cells {
@@ -50,9 +52,13 @@ pub fn stress(surface: Surface, title: &str, what: &str) -> Figure {
             face.iter().map(|&point| (surface.points[point], surface.von_mises[point])).collect();
         bands.divide(&corners, &mut areas, &mut lines);
     }
-    let mut plan = plan(&surface.outline(), [].into_iter()).heading(what).areas(areas);
+    let (plan, size) = plan(&surface.outline(), [].into_iter());
+    let mut plan = plan.heading(what).areas(areas);
     if let Some((value, place)) = peak {
-        let name = format!("largest: {} at {}", engineering(value, "Pa"), text::place(place));
+        let (place, time) = told.map_or((place, None), |(place, time)| (place, Some(time)));
+        let (metre, scale) = unit("m", size);
+        let mut name = format!("largest: {} at {}", engineering(value, "Pa"), place_in(place, scale, &metre));
+        time.into_iter().for_each(|time| name += &format!(", {}", engineering(time, "s")));
         plan = plan.curve(Curve::new(name, vec![place]).palette(1).marks(0).scattered());
     }
     let plan = plan.curve(Curve::new("", lines).color(Color::BLACK).width(0.35));

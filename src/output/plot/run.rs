@@ -118,8 +118,8 @@ pub fn contacts(contacts: &[Contact], table: &Table, title: &str, outline: &[[[f
         .bars(bars.iter().map(bar))
         .ramp(Ramp::new("impulse", "N s", [1e-3 * largest, largest], heat));
     let most = total.iter().copied().fold(0.0, f64::max);
-    let mut plan = plan(outline, nodes.iter().map(|contact| contact.at))
-        .heading("Where the nodes are; impulse of the whole run:");
+    let (plan, _) = plan(outline, nodes.iter().map(|contact| contact.at));
+    let mut plan = plan.heading("Where the nodes are; impulse of the whole run:");
     for (contact, impulse) in nodes.iter().zip(&total) {
         let size = (impulse / most).sqrt().max(0.25);
         plan = plan.curve(Curve::new("", vec![contact.at]).palette(1).marks(0).size(size).scattered());
