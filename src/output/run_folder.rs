@@ -3,7 +3,7 @@
 use super::checkpoint::{Checkpoint, Identity};
 use super::contacts::Contact;
 use super::history::Table;
-use super::plot::perspective::{self, ColorBy};
+use super::plot::perspective::{self, ColorBy, Shot};
 use super::plot::{Figure, Obstacle, forces, plan, run};
 use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Surface};
@@ -82,39 +82,46 @@ impl RunFolder {
         obstacles(&self.summary["scene"], &self.opposite)
     }
 
-    /// Reads at most `most` snapshots, with their times in s: those nearest to the start, the first
-    /// impact, the largest deflection, the lowest and the highest position of a probe, and the end;
-    /// others between them where these are fewer.
-    pub fn surfaces(&self, most: usize) -> Result<Vec<(f64, Surface)>> {
+    /// Reads at most `most` snapshots: those nearest to the start, the first impact, the largest
+    /// deflection, the lowest and the highest position of a probe, and the end; others between them
+    /// where these are fewer.
+    pub fn surfaces(&self, most: usize) -> Result<Vec<Shot>> {
         let nearest = |time: f64| {
             let distance = |(other, _): &(f64, PathBuf)| (other - time).abs();
             let order = |a: &&(f64, PathBuf), b: &&(f64, PathBuf)| distance(a).total_cmp(&distance(b));
             self.snapshots.iter().min_by(order)
         };
-        let told = self.moments().into_iter().filter_map(nearest);
-        let mut chosen: Vec<&(f64, PathBuf)> = Vec::new();
-        for snapshot in told.chain(perspective::spread(&self.snapshots, most)) {
-            if chosen.len() < most && !chosen.contains(&snapshot) {
-                chosen.push(snapshot);
+        let told = self.moments().into_iter().filter_map(|event| Some((nearest(event.1)?, Some(event))));
+        let others = perspective::spread(&self.snapshots, most).into_iter().map(|snapshot| (snapshot, None));
+        let mut chosen: Vec<(&(f64, PathBuf), Option<(String, f64)>)> = Vec::new();
+        for (snapshot, event) in told.chain(others) {
+            if chosen.len() < most && chosen.iter().all(|(other, _)| *other != snapshot) {
+                chosen.push((snapshot, event));
             }
         }
-        chosen.sort_by(|a, b| a.0.total_cmp(&b.0));
-        chosen.into_iter().map(|(time, path)| Ok((*time, vtu::read(path)?))).collect()
+        chosen.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));
+        chosen.into_iter().map(|((time, path), event)| Ok((*time, event, vtu::read(path)?))).collect()
     }
 
-    /// Returns the times (s) that a reader wants to see, the most important ones first.
-    fn moments(&self) -> Vec<f64> {
+    /// Returns the events that a reader wants to see with their times (s), the most important ones
+    /// first.
+    fn moments(&self) -> Vec<(String, f64)> {
         let RunFolder { summary, table, .. } = self;
         let times = table.column("time").unwrap_or_default();
-        let told = ["first_impact", "largest_deflection"].map(|event| summary[event]["time"].as_f64());
-        let mut moments: Vec<f64> = times.first().into_iter().chain(times.last()).copied().collect();
-        moments.extend(told.into_iter().flatten());
-        if let Some((.., values)) = table.deflections().next() {
+        let told = |event: &str| summary[event]["time"].as_f64();
+        let mut moments = vec![
+            ("start".to_owned(), times.first().copied()),
+            ("end".to_owned(), times.last().copied()),
+            ("first impact".to_owned(), told("first_impact")),
+            ("largest deflection".to_owned(), told("largest_deflection")),
+        ];
+        if let Some((_, probe, values)) = table.deflections().next() {
             let order = |a: &(&f64, &f64), b: &(&f64, &f64)| a.1.total_cmp(b.1);
             let ends = [times.iter().zip(values).min_by(order), times.iter().zip(values).max_by(order)];
-            moments.extend(ends.into_iter().flatten().map(|(time, _)| *time));
+            let names = ["lowest", "highest"].map(|end| format!("{probe} {end}"));
+            moments.extend(names.into_iter().zip(ends.map(|end| end.map(|(time, _)| *time))));
         }
-        moments
+        moments.into_iter().filter_map(|(event, time)| Some((event, time?))).collect()
     }
 
     /// Draws all pictures; spectra have natural frequencies (Hz), where these are known.
@@ -124,7 +131,7 @@ impl RunFolder {
         let title = scene["title"].as_str().unwrap_or_default();
         let snapshots = self.surfaces(perspective::MOST)?;
         let outline = match snapshots.first() {
-            Some((_, surface)) => surface.outline(),
+            Some((.., surface)) => surface.outline(),
             None => rectangle(scene),
         };
 
@@ -156,7 +163,7 @@ impl RunFolder {
         if snapshots.is_empty() {
             absent.push("no snapshots: the run wrote no fields (output.fields_every)");
         } else {
-            if snapshots.iter().all(|(_, surface)| !surface.von_mises.is_empty()) {
+            if snapshots.iter().all(|(.., surface)| !surface.von_mises.is_empty()) {
                 figures.push(("stresses", perspective::colored(snapshots.clone(), title, ColorBy::VonMises)));
             }
             figures.push(("snapshots", perspective::colored(snapshots, title, ColorBy::Deflection)));

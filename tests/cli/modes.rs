@@ -54,7 +54,11 @@ fn modes_have_the_shapes_and_frequencies_of_a_square() {
     assert!((surface.deflection.iter().fold(0.0, |most: f64, w| most.max(w.abs())) - 1.0).abs() < 1e-12);
     let index = fs::read_to_string(folder.join("modes.pvd")).unwrap();
     assert_eq!(index.matches("<DataSet").count(), 5);
-    assert!(fs::read_to_string(folder.join("plots/modes.svg")).unwrap().contains("mode shape"));
+    let picture = fs::read_to_string(folder.join("plots/modes.svg")).unwrap();
+    assert!(picture.contains("mode shape") && picture.contains(">5: "), "{picture}");
+    let of_fifth = picture.split(">4: ").nth(1).unwrap();
+    let lines = of_fifth.find("<polyline fill=\"none\" stroke=\"#000000\" stroke-width=\"0.7\"").unwrap();
+    assert!(lines > of_fifth.rfind("<polygon").unwrap(), "nodal lines over all faces");
 }
 
 #[test]

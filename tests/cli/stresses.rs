@@ -46,6 +46,14 @@ fn envelope_snapshots_and_pictures() {
     );
     let forces = std::fs::read_to_string(run.join("plots/forces.svg")).unwrap();
     assert!(forces.contains("gap (mm)") && forces.contains("time ("), "a compliant stop over time and gap");
+    let told = ["stop: peak force", "peak of all steps"];
+    assert!(told.iter().all(|words| forces.contains(words)), "what the run tells of the stop");
+    let snapshots = std::fs::read_to_string(run.join("plots/snapshots.svg")).unwrap();
+    for event in ["start at t = 0 s", "end at t = 100 ms", "first impact near t = 40 ms"] {
+        assert!(snapshots.contains(event), "{event}: {snapshots}");
+    }
+    let stresses = std::fs::read_to_string(run.join("plots/stresses.svg")).unwrap();
+    assert!(stresses.contains("von Mises stress (MPa)"), "{stresses}");
     let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();
     let place = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
     let time = summary(&run)["extremes"]["von_mises"]["time"].as_f64().unwrap();

@@ -29,6 +29,8 @@ const HELD: Pen = Pen::solid(Color::BLACK, 2.4);
 const ROUNDING: f64 = 1e-9;
 const NODAL: Pen = Pen::solid(Color::BLACK, 0.7);
 const REMARK: Type = Type::new(6.5);
+/// Largest distance of a snapshot from an event that it shows, relative to its time.
+const NEAR: f64 = 1e-9;
 /// Height of the line with the time, in points.
 const BAND: f64 = 10.0;
 /// Height of a peg, in points.
@@ -57,7 +59,7 @@ pub enum ColorBy {
     Deflection,
     /// Von Mises stress.
     VonMises,
-    /// Shape of a mode, with its nodal lines; its frequency (Hz) takes the place of the time.
+    /// Shape of a mode, with its nodal lines.
     Mode,
 }
 
@@ -79,34 +81,57 @@ impl ColorBy {
     }
 }
 
-/// Draws each snapshot (time in s, surface) in a figure of its own, coloured by deflection, all at
-/// one scale.
-pub fn frames(snapshots: Vec<(f64, Surface)>, title: &str) -> Vec<Figure> {
-    let (ramp, panels) = views(snapshots, ColorBy::Deflection, HALF);
+/// Snapshot: its time in s, the event near it with the time in s, if it was chosen for one, and its
+/// surface.
+pub type Shot = (f64, Option<(String, f64)>, Surface);
+
+/// Draws each snapshot in a figure of its own, coloured by deflection, all at one scale.
+pub fn frames(snapshots: Vec<Shot>, title: &str) -> Vec<Figure> {
+    let snapshots = snapshots.into_iter().map(|(time, _, surface)| (instant(time), surface));
+    let (ramp, panels) = views(snapshots.collect(), ColorBy::Deflection, HALF);
     panels.into_iter().map(|panel| Figure::new(title).ramp(ramp.clone()).panel(panel)).collect()
 }
 
-/// Draws snapshots (time in s, surface) side by side at one scale.
-pub fn colored(snapshots: Vec<(f64, Surface)>, title: &str, by: ColorBy) -> Figure {
-    let columns = snapshots.len().clamp(1, 2);
-    let (ramp, panels) = views(snapshots, by, 2.0 * HALF / columns as f64);
-    panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
+/// Draws snapshots side by side at one scale.
+pub fn colored(snapshots: Vec<Shot>, title: &str, by: ColorBy) -> Figure {
+    let caption = |time: f64, event: Option<(String, f64)>| match event {
+        None => instant(time),
+        Some((event, when)) => {
+            let link = if (when - time).abs() <= NEAR * time { "at" } else { "near" };
+            format!("{event} {link} {}", instant(time))
+        }
+    };
+    let snapshots = snapshots.into_iter().map(|(time, event, surface)| (caption(time, event), surface));
+    columns(snapshots.collect(), title, by, 2)
 }
 
-/// Draws the shapes of modes (frequency in Hz, surface), with their nodal lines.
+/// Draws the shapes of modes (frequency in Hz, surface) in their order, with their nodal lines.
 pub fn modes(modes: Vec<(f64, Surface)>, title: &str) -> Figure {
-    let columns = modes.len().clamp(1, 3);
-    let (ramp, panels) = views(modes, ColorBy::Mode, 2.0 * HALF / columns as f64);
+    let caption = |(number, (frequency, surface)): (i32, (f64, Surface))| {
+        (format!("{number}: {}", engineering(frequency, "Hz")), surface)
+    };
+    columns((1..).zip(modes).map(caption).collect(), title, ColorBy::Mode, 3)
+}
+
+fn instant(time: f64) -> String {
+    format!("t = {}", engineering(time, "s").replace('u', "\u{b5}"))
+}
+
+/// Draws surfaces with captions side by side at one scale, in at most `most` columns.
+fn columns(surfaces: Vec<(String, Surface)>, title: &str, by: ColorBy, most: usize) -> Figure {
+    let columns = surfaces.len().clamp(1, most);
+    let (ramp, panels) = views(surfaces, by, 2.0 * HALF / columns as f64);
     panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
 }
 
-/// Returns the colours and one view per snapshot, all at one scale, for a width in points.
-fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<Panel>) {
+/// Returns the colours and one view per surface, with its caption, all at one scale, for a width in
+/// points.
+fn views(snapshots: Vec<(String, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<Panel>) {
     let held = held(&snapshots);
-    let mut snapshots: Vec<(f64, Surface)> =
-        snapshots.into_iter().map(|(time, surface)| (time, coarsened(surface))).collect();
+    let mut snapshots: Vec<(String, Surface)> =
+        snapshots.into_iter().map(|(caption, surface)| (caption, coarsened(surface))).collect();
     let range = |values: &mut dyn Iterator<Item = f64>| range(values.filter(|value| value.is_finite()));
-    let deflections = |(_, surface): &(f64, Surface)| surface.deflection.clone();
+    let deflections = |(_, surface): &(String, Surface)| surface.deflection.clone();
     let [low, high] = range(&mut snapshots.iter().flat_map(deflections));
     // A distant obstacle is left out, because it would make the plate too small.
     let heights = snapshots.iter_mut().flat_map(|(_, surface)| surface.obstacles.iter_mut().flatten());
@@ -126,7 +151,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
     };
 
     let view = View { sides, size, scale };
-    let wall = |(_, surface): &(f64, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
+    let wall = |(_, surface): &(String, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
     let walls: Vec<[Wall; 2]> = snapshots.iter().map(wall).collect();
     // All snapshots share one window.
     let surfaces =
@@ -146,7 +171,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
         ramp.label += &format!(", drawn ×{scale}");
     }
     let mut panels = Vec::new();
-    for ((time, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
+    for ((caption, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
         let held = held.clone();
         let [across, up] = window.size();
         let height = (width * up / across).clamp(20.0, TALLEST * width) + BAND;
@@ -166,9 +191,10 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
                 let mean = face.iter().map(|&p| by.values(&surface)[p]).sum::<f64>() / face.len() as f64;
                 let color = depth(share(mean));
                 paper.polygon(&corners, color, Some(Pen::solid(color.towards(Color::BLACK, 0.18), 0.15)));
-                if let Some(line) = nodal_line(&surface, face).filter(|_| by == ColorBy::Mode) {
-                    paper.polyline(&line.map(drawn), NODAL);
-                }
+            }
+            let lines = surface.cells.iter().filter_map(|face| nodal_line(&surface, face));
+            for line in lines.filter(|_| by == ColorBy::Mode) {
+                paper.polyline(&line.map(drawn), NODAL);
             }
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
                 paper.circle(drawn(surface.place(point)), 0.9, MARK, None);
@@ -179,11 +205,10 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
             }
             ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(drawn), HIDDEN));
             ceiling.stops.iter().for_each(|&stop| draw_stop(paper, drawn(stop), -1.0));
-            let text = match by {
-                ColorBy::Mode => engineering(time, "Hz"),
-                _ => format!("t = {}", engineering(time, "s").replace('u', "\u{b5}")),
-            };
-            paper.text(&text, [frame.left + 2.0, frame.top + 4.0], REMARK, Anchor::Start);
+            let room = frame.right - frame.left - 2.0;
+            let size = REMARK.size * (room / REMARK.width(&caption)).min(1.0);
+            let look = Type { size, ..REMARK };
+            paper.text(&caption, [frame.left + 2.0, frame.top + 4.0], look, Anchor::Start);
         };
         panels.push(Panel::drawing(draw).height(height));
     }
@@ -192,7 +217,7 @@ fn views(snapshots: Vec<(f64, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<
 
 /// Returns the edges of the plate's border that stay at zero in all snapshots while others move,
 /// each a little longer at both ends, so that no seam shows between neighbours.
-fn held(snapshots: &[(f64, Surface)]) -> Vec<[[f64; 2]; 2]> {
+fn held(snapshots: &[(String, Surface)]) -> Vec<[[f64; 2]; 2]> {
     let Some((_, first)) = snapshots.first() else { return Vec::new() };
     let held = held_points(snapshots.iter().map(|(_, surface)| &*surface.deflection));
     boundary(&first.cells)
