@@ -54,7 +54,7 @@ impl Execute for Animate {
             return Err(Error::Usage(wrong));
         }
         let title = run.summary["scene"]["title"].as_str().unwrap_or_default();
-        let figures = perspective::frames(run.surfaces(self.frames as usize)?, title);
+        let figures = perspective::frames(run.surfaces(self.frames as usize)?, title, &run.bolts());
         let format = self.format.or(self.out.as_deref().map(Format::of)).unwrap_or(Format::Png);
         let name = || self.folder.join(plot::FOLDER).join(animation::NAME).with_extension(format.extension());
         let path = self.out.clone().unwrap_or_else(name);

@@ -3,7 +3,7 @@
 use super::checkpoint::{Checkpoint, Identity};
 use super::contacts::Contact;
 use super::history::Table;
-use super::plot::perspective::{self, ColorBy, Shot};
+use super::plot::perspective::{self, ColorBy, Occasion, Shot};
 use super::plot::{Figure, Obstacle, forces, plan, run};
 use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Surface};
@@ -82,6 +82,12 @@ impl RunFolder {
         obstacles(&self.summary["scene"], &self.opposite)
     }
 
+    /// Returns the supports at single points, in m.
+    pub fn bolts(&self) -> Vec<[f64; 2]> {
+        let supports = self.summary["scene"]["support"].as_array().into_iter().flatten();
+        supports.filter_map(|support| serde_json::from_value(support["at"].clone()).ok()).collect()
+    }
+
     /// Reads at most `most` snapshots: those nearest to the start, the first impact, the largest
     /// deflection, the lowest and the highest position of a probe, and the end; others between them
     /// where these are fewer.
@@ -93,7 +99,7 @@ impl RunFolder {
         };
         let told = self.moments().into_iter().filter_map(|event| Some((nearest(event.1)?, Some(event))));
         let others = perspective::spread(&self.snapshots, most).into_iter().map(|snapshot| (snapshot, None));
-        let mut chosen: Vec<(&(f64, PathBuf), Option<(String, f64)>)> = Vec::new();
+        let mut chosen: Vec<(&(f64, PathBuf), Option<Occasion>)> = Vec::new();
         for (snapshot, event) in told.chain(others) {
             if chosen.len() < most && chosen.iter().all(|(other, _)| *other != snapshot) {
                 chosen.push((snapshot, event));
@@ -105,7 +111,7 @@ impl RunFolder {
 
     /// Returns the events that a reader wants to see with their times (s), the most important ones
     /// first.
-    fn moments(&self) -> Vec<(String, f64)> {
+    fn moments(&self) -> Vec<Occasion> {
         let RunFolder { summary, table, .. } = self;
         let times = table.column("time").unwrap_or_default();
         let told = |event: &str| summary[event]["time"].as_f64();
@@ -129,7 +135,7 @@ impl RunFolder {
         let RunFolder { summary, table, contacts, opposite, .. } = self;
         let scene = &summary["scene"];
         let title = scene["title"].as_str().unwrap_or_default();
-        let snapshots = self.surfaces(perspective::MOST)?;
+        let (snapshots, bolts) = (self.surfaces(perspective::MOST)?, self.bolts());
         let outline = match snapshots.first() {
             Some((.., surface)) => surface.outline(),
             None => rectangle(scene),
@@ -164,9 +170,12 @@ impl RunFolder {
             absent.push("no snapshots: the run wrote no fields (output.fields_every)");
         } else {
             if snapshots.iter().all(|(.., surface)| !surface.von_mises.is_empty()) {
-                figures.push(("stresses", perspective::colored(snapshots.clone(), title, ColorBy::VonMises)));
+                figures.push((
+                    "stresses",
+                    perspective::colored(snapshots.clone(), title, ColorBy::VonMises, &bolts),
+                ));
             }
-            figures.push(("snapshots", perspective::colored(snapshots, title, ColorBy::Deflection)));
+            figures.push(("snapshots", perspective::colored(snapshots, title, ColorBy::Deflection, &bolts)));
         }
         match self.largest_stress()? {
             Some((surface, what, told)) => {

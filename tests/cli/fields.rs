@@ -186,6 +186,24 @@ fn the_contact_map_numbers_nodes_as_the_file_does() {
     }
 }
 
+/// A snapshot that was chosen for an event tells it, and has a dot at each bolt.
+#[test]
+fn snapshots_have_their_events_and_bolts() {
+    let surface = vtu::Surface {
+        points: vec![[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]],
+        cells: vec![vec![0, 1, 2]],
+        deflection: vec![0.0, 1e-3, 0.0],
+        parents: vec![0],
+        ..vtu::Surface::default()
+    };
+    let shot = |time: f64| (time, Some(("first impact".to_owned(), 1.0)), surface.clone());
+    let bolts = [[0.0, 0.0], [0.0, 1.0]];
+    let by = plot::perspective::ColorBy::Deflection;
+    let svg = plot::perspective::colored(vec![shot(1.0), shot(2.0)], "", by, &bolts).svg();
+    assert!(svg.contains("first impact at t = 1 s") && svg.contains("first impact near t = 2 s"), "{svg}");
+    assert_eq!(svg.matches("r=\"1.4\" fill=\"#000000\"").count(), 4, "{svg}");
+}
+
 /// A curve whose dashes would hide data is solid in the key, too; others are dashed in both.
 #[test]
 fn the_key_shows_curves_as_they_are_drawn() {

@@ -28,13 +28,15 @@ const HELD: Pen = Pen::solid(Color::BLACK, 2.4);
 /// Difference of a mode shape between neighbours below which it is rounding.
 const ROUNDING: f64 = 1e-9;
 const NODAL: Pen = Pen::solid(Color::BLACK, 0.7);
-const REMARK: Type = Type::new(6.5);
+const REMARK: Type = Type { halo: true, ..Type::new(6.5) };
 /// Largest distance of a snapshot from an event that it shows, relative to its time.
 const NEAR: f64 = 1e-9;
 /// Height of the line with the time, in points.
 const BAND: f64 = 10.0;
 /// Height of a peg, in points.
 const PEG: f64 = 4.0;
+/// Radius of a bolt, a support at a single point, in points.
+const BOLT: f64 = 1.4;
 /// Radius of a ball, in points; a scene gives none.
 const BALL: f64 = 3.0;
 /// Mark at a point in contact.
@@ -81,20 +83,23 @@ impl ColorBy {
     }
 }
 
-/// Snapshot: its time in s, the event near it with the time in s, if it was chosen for one, and its
-/// surface.
-pub type Shot = (f64, Option<(String, f64)>, Surface);
+/// Event of a run and its time in s.
+pub type Occasion = (String, f64);
 
-/// Draws each snapshot in a figure of its own, coloured by deflection, all at one scale.
-pub fn frames(snapshots: Vec<Shot>, title: &str) -> Vec<Figure> {
+/// Snapshot: its time in s, the event near it, if it was chosen for one, and its surface.
+pub type Shot = (f64, Option<Occasion>, Surface);
+
+/// Draws each snapshot in a figure of its own, coloured by deflection, all at one scale, with dots
+/// at bolts (m).
+pub fn frames(snapshots: Vec<Shot>, title: &str, bolts: &[[f64; 2]]) -> Vec<Figure> {
     let snapshots = snapshots.into_iter().map(|(time, _, surface)| (instant(time), surface));
-    let (ramp, panels) = views(snapshots.collect(), ColorBy::Deflection, HALF);
+    let (ramp, panels) = views(snapshots.collect(), ColorBy::Deflection, HALF, bolts);
     panels.into_iter().map(|panel| Figure::new(title).ramp(ramp.clone()).panel(panel)).collect()
 }
 
-/// Draws snapshots side by side at one scale.
-pub fn colored(snapshots: Vec<Shot>, title: &str, by: ColorBy) -> Figure {
-    let caption = |time: f64, event: Option<(String, f64)>| match event {
+/// Draws snapshots side by side at one scale, with dots at bolts (m).
+pub fn colored(snapshots: Vec<Shot>, title: &str, by: ColorBy, bolts: &[[f64; 2]]) -> Figure {
+    let caption = |time: f64, event: Option<Occasion>| match event {
         None => instant(time),
         Some((event, when)) => {
             let link = if (when - time).abs() <= NEAR * time { "at" } else { "near" };
@@ -102,7 +107,9 @@ pub fn colored(snapshots: Vec<Shot>, title: &str, by: ColorBy) -> Figure {
         }
     };
     let snapshots = snapshots.into_iter().map(|(time, event, surface)| (caption(time, event), surface));
-    columns(snapshots.collect(), title, by, 2)
+    let columns = snapshots.len().clamp(1, 2);
+    let (ramp, panels) = views(snapshots.collect(), by, 2.0 * HALF / columns as f64, bolts);
+    panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
 }
 
 /// Draws the shapes of modes (frequency in Hz, surface) in their order, with their nodal lines.
@@ -110,23 +117,24 @@ pub fn modes(modes: Vec<(f64, Surface)>, title: &str) -> Figure {
     let caption = |(number, (frequency, surface)): (i32, (f64, Surface))| {
         (format!("{number}: {}", engineering(frequency, "Hz")), surface)
     };
-    columns((1..).zip(modes).map(caption).collect(), title, ColorBy::Mode, 3)
+    let columns = modes.len().clamp(1, 3);
+    let modes = (1..).zip(modes).map(caption).collect();
+    let (ramp, panels) = views(modes, ColorBy::Mode, 2.0 * HALF / columns as f64, &[]);
+    panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
 }
 
 fn instant(time: f64) -> String {
     format!("t = {}", engineering(time, "s").replace('u', "\u{b5}"))
 }
 
-/// Draws surfaces with captions side by side at one scale, in at most `most` columns.
-fn columns(surfaces: Vec<(String, Surface)>, title: &str, by: ColorBy, most: usize) -> Figure {
-    let columns = surfaces.len().clamp(1, most);
-    let (ramp, panels) = views(surfaces, by, 2.0 * HALF / columns as f64);
-    panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
-}
-
-/// Returns the colours and one view per surface, with its caption, all at one scale, for a width in
-/// points.
-fn views(snapshots: Vec<(String, Surface)>, by: ColorBy, width: f64) -> (Ramp, Vec<Panel>) {
+/// Returns the colours and one view per surface, with its caption and dots at bolts (m), all at one
+/// scale, for a width in points.
+fn views(
+    snapshots: Vec<(String, Surface)>,
+    by: ColorBy,
+    width: f64,
+    bolts: &[[f64; 2]],
+) -> (Ramp, Vec<Panel>) {
     let held = held(&snapshots);
     let mut snapshots: Vec<(String, Surface)> =
         snapshots.into_iter().map(|(caption, surface)| (caption, coarsened(surface))).collect();
@@ -172,7 +180,7 @@ fn views(snapshots: Vec<(String, Surface)>, by: ColorBy, width: f64) -> (Ramp, V
     }
     let mut panels = Vec::new();
     for ((caption, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
-        let held = held.clone();
+        let (held, bolts) = (held.clone(), bolts.to_vec());
         let [across, up] = window.size();
         let height = (width * up / across).clamp(20.0, TALLEST * width) + BAND;
         let draw = move |paper: &mut Canvas, frame: Frame| {
@@ -195,6 +203,13 @@ fn views(snapshots: Vec<(String, Surface)>, by: ColorBy, width: f64) -> (Ramp, V
             let lines = surface.cells.iter().filter_map(|face| nodal_line(&surface, face));
             for line in lines.filter(|_| by == ColorBy::Mode) {
                 paper.polyline(&line.map(drawn), NODAL);
+            }
+            for [x, y] in &bolts {
+                let distance = |point: &[f64; 2]| (point[0] - x).hypot(point[1] - y);
+                let distances = surface.points.iter().map(distance).zip(&surface.deflection);
+                if let Some((_, &w)) = distances.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                    paper.circle(drawn([*x, *y, w]), BOLT, Color::BLACK, None);
+                }
             }
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
                 paper.circle(drawn(surface.place(point)), 0.9, MARK, None);

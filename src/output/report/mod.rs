@@ -65,9 +65,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
         meta["scale"] = json!(drawn);
         meta["scales"] = scales.copied().collect::<Vec<f64>>().into();
         meta["colors"] = frames.store(&mut data);
-        let supports = summary["scene"]["support"].as_array().into_iter().flatten();
-        meta["bolts"] =
-            supports.map(|support| &support["at"]).filter(|place| place.is_array()).cloned().collect();
+        meta["bolts"] = json!(run.bolts());
     }
     let path = folder.join(FILE);
     let (arrays, numbers) = data.finish().map_err(Error::io(&path))?;
