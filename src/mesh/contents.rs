@@ -30,6 +30,9 @@ impl Default for Import {
     }
 }
 
+/// Bit that makes the number of a curve of the drawing, which is in no group, that of a group.
+pub const ELEMENTARY: u64 = 1 << 63;
+
 /// Numbers of groups of one dimension.
 pub type Groups = Rc<[u64]>;
 
@@ -248,13 +251,19 @@ impl<'a> Contents<'a> {
 
     fn add_edges(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) -> Result<()> {
         let sides: HashSet<[usize; 2]> = mesh.cells.iter().flat_map(Cell::edges).collect();
+        let mut curves: BTreeMap<String, Vec<[usize; 2]>> = BTreeMap::new();
         for block in self.blocks_of(1) {
             for &group in block.groups.iter() {
                 let name = self.name(1, group);
-                let edges = mesh.edges.entry(name.clone()).or_default();
+                let is_elementary = group >= ELEMENTARY;
+                let lists = if is_elementary { &mut curves } else { &mut mesh.edges };
+                let edges = lists.entry(name.clone()).or_default();
                 for nodes in block.nodes.chunks_exact(2) {
                     let side = |(a, b)| [[a, b], [b, a]].into_iter().find(|side| sides.contains(side));
                     let edge = numbers[nodes[0]].zip(numbers[nodes[1]]).and_then(side);
+                    if is_elementary && edge.is_none() {
+                        continue;
+                    }
                     edges.push(edge.ok_or_else(|| {
                         let [from, to] = [nodes[0], nodes[1]].map(|index| self.spot(index));
                         self.cursor.fault_of_file(format_args!(
@@ -264,6 +273,9 @@ impl<'a> Contents<'a> {
                     })?);
                 }
             }
+        }
+        for (name, edges) in curves.into_iter().filter(|(_, edges)| !edges.is_empty()) {
+            mesh.edges.entry(name).or_insert(edges);
         }
         for edges in mesh.edges.values_mut() {
             let mut seen = HashSet::new();
@@ -319,7 +331,7 @@ impl<'a> Contents<'a> {
     fn name(&self, dimension: usize, group: u64) -> String {
         match self.names.get(&(dimension, group)) {
             Some(name) => name.clone(),
-            None => group.to_string(),
+            None => (group & !ELEMENTARY).to_string(),
         }
     }
 

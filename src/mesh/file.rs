@@ -24,7 +24,8 @@ impl Mesh {
     /// - Physical curves become named [`edges`](Mesh::edges), physical surfaces
     ///   [`groups`](Mesh::groups) of cells, and physical points named [`points`](Mesh::points). One
     ///   without a name is called by its number (`"7"`); those of one name and kind are united. A
-    ///   boundary edge has its cell on the left.
+    ///   boundary edge has its cell on the left. A curve in no physical group is an edge that is
+    ///   called by its own number, unless a group is.
     /// - Curved boundaries become the straight edges between their nodes. Lengths are in m.
     /// - Whole and partitioned files give the same mesh. Parametric coordinates, periodicity,
     ///   post-processing data and sections of other programs are ignored.

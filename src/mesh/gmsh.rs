@@ -5,7 +5,7 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::contents::{Contents, Dialect, Groups, Node, SOLID, Shape};
+use super::contents::{Contents, Dialect, ELEMENTARY, Groups, Node, SOLID, Shape};
 use super::cursor::{Cursor, Encoding};
 use crate::error::Result;
 
@@ -181,7 +181,8 @@ impl<'a> Sections<'a> {
     }
 
     /// Reads `$Entities`, or `$PartitionedEntities`, the pieces of the entities, each with the
-    /// groups of the whole: elements on a curve belong to the groups of the curve.
+    /// groups of the whole: elements on a curve belong to the groups of the curve, or else to the
+    /// curve alone.
     fn entities(&mut self, partitioned: bool) -> Result<()> {
         if partitioned {
             self.contents.cursor.size("the number of partitions")?;
@@ -194,9 +195,10 @@ impl<'a> Sections<'a> {
         for (dimension, count) in counts.collect::<Result<Vec<_>>>()?.into_iter().enumerate() {
             for _ in 0..self.contents.cursor.claim(count, "entities", 5)? {
                 let number = self.contents.cursor.int("the number of an entity")?;
+                let mut whole = (dimension as i64, number);
                 if partitioned {
-                    self.contents.cursor.int("the dimension of the parent of an entity")?;
-                    self.contents.cursor.int("the number of the parent of an entity")?;
+                    whole.0 = self.contents.cursor.int("the dimension of the parent of an entity")?;
+                    whole.1 = self.contents.cursor.int("the number of the parent of an entity")?;
                     self.ints("partitions")?;
                 }
                 for _ in 0..if dimension == 0 { 3 } else { 6 } {
@@ -206,6 +208,9 @@ impl<'a> Sections<'a> {
                     self.ints("physical groups")?.into_iter().map(i64::unsigned_abs).collect();
                 groups.sort_unstable();
                 groups.dedup();
+                if groups.is_empty() && dimension == 1 && whole.0 == 1 {
+                    groups.push(ELEMENTARY | whole.1.unsigned_abs());
+                }
                 if dimension > 0 {
                     self.ints("entities of the boundary")?;
                 }
@@ -318,12 +323,14 @@ impl<'a> Sections<'a> {
                 if !text {
                     number = self.contents.cursor.int("the number of an element")?;
                 }
-                // The first tag is the physical group, 0 for none.
+                // The first tag is the physical group, 0 for none; the second is the entity.
                 let mut group = 0;
                 for tag in 0..tags {
-                    let value = self.contents.cursor.int("a tag of an element")?;
+                    let value = self.contents.cursor.int("a tag of an element")?.unsigned_abs();
                     if tag == 0 {
-                        group = value.unsigned_abs();
+                        group = value;
+                    } else if tag == 1 && group == 0 && shape.dimension == 1 {
+                        group = ELEMENTARY | value;
                     }
                 }
                 let groups: &[u64] = if group == 0 { &[] } else { &[group] };

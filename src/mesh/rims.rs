@@ -1,4 +1,4 @@
-//! Rims of a mesh whose file names no curves: the outline, and the holes.
+//! Names of the rims of a mesh: the outline, and the holes.
 
 use super::{Mesh, Point};
 use std::collections::BTreeMap;
@@ -11,7 +11,7 @@ const SLIT: f64 = 1e-12;
 
 impl Mesh {
     /// Names the outline of all parts `boundary`, and the rims of holes `hole_1`, `hole_2`, ...
-    /// from left to right, by the means of their nodes.
+    /// from left to right, by the means of their nodes, where the mesh has no such edges.
     pub fn name_rims(&mut self) {
         let mut holes: Vec<(Point, Vec<[usize; 2]>)> = Vec::new();
         let mut outline = Vec::new();
@@ -27,9 +27,13 @@ impl Mesh {
             }
         }
         holes.sort_by(|(a, _), (b, _)| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
-        let named = holes.into_iter().enumerate();
-        self.edges = named.map(|(number, (_, rim))| (format!("hole_{}", number + 1), rim)).collect();
-        self.edges.insert(OUTLINE.to_owned(), outline);
+        let named = (1..).zip(holes).map(|(number, (_, rim))| (format!("hole_{number}"), rim));
+        let named: BTreeMap<_, _> = named.collect();
+        // Numbers of holes would mislead beside others.
+        if named.keys().all(|name| !self.edges.contains_key(name)) {
+            self.edges.extend(named);
+        }
+        self.edges.entry(OUTLINE.to_owned()).or_insert(outline);
     }
 
     /// Returns the closed rims of the mesh, each as the sides of cells in their order.

@@ -7,7 +7,7 @@
 use super::document::{Document, join};
 use super::entry::{table, tables, via};
 use super::given::{FieldInput, Region};
-use super::kinds::{name, not_negative, number, positive, word};
+use super::kinds::{not_negative, number, positive, tag, word};
 use super::obstacles::{Compliance, contact_point};
 use super::place::{cells, coordinates, on_plate, place};
 use super::words::Side;
@@ -161,7 +161,7 @@ table! {
         /// across the cells.
         line: Option<[[f64; 2]; 2]> = coordinates().pair(SEGMENT).optional();
         /// `"left"`, `"right"`, `"bottom"`, `"top"`, or a physical curve of `mesh.file`.
-        edge: Option<String> = name("expected the name of an edge").optional();
+        edge: Option<String> = tag("expected the name of an edge").optional();
     } one_of {line} {edge}
 }
 

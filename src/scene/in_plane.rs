@@ -3,7 +3,7 @@
 use super::document::Document;
 use super::entry::{section, table, tables};
 use super::given::FieldInput;
-use super::kinds::{name, number, truth};
+use super::kinds::{number, tag, truth};
 use crate::error::Result;
 use crate::field::Names;
 
@@ -47,7 +47,7 @@ table! {
     #[derive(Debug, Clone, PartialEq)]
     pub struct Traction {
         /// `left`, `right`, `bottom`, `top`, or a physical group of a mesh file.
-        edge: String = name("expected the name of an edge");
+        edge: String = tag("expected the name of an edge");
         /// Force per length along x and y.
         force: [f64; 2] = number("a force per length", "N/m").pair("expected [along x, along y] in N/m");
     }

@@ -266,6 +266,19 @@ pub(super) fn name(expected: &'static str) -> Kind<String> {
     })
 }
 
+/// Name of a part of a mesh file, whose number needs quotes too.
+pub(super) fn tag(expected: &'static str) -> Kind<String> {
+    let kind = name(expected);
+    let read = move |doc: &Document, key: &str| match doc.value(key) {
+        value @ Some(Value::Integer(number)) => {
+            let shell = if doc.is_overridden(key) { "'" } else { "" };
+            Err(doc.unfit(key, value, format!("{expected} in quotes, {shell}\"{number}\"{shell}")))
+        }
+        _ => (kind.read)(doc, key),
+    };
+    Kind { read: Box::new(read), ..name(expected) }
+}
+
 /// Condition on x and y.
 pub(super) fn condition() -> Kind<Condition> {
     let expected = "expected a condition on x and y, such as \"x > 0.5 and y < 0.2\"";

@@ -79,9 +79,7 @@ impl MeshFile {
         let import =
             Import { scale: self.scale.unwrap_or(1.0), merge: self.merge.unwrap_or(0.0), slits: self.slits };
         let mut mesh = Mesh::load(&self.path, import)?;
-        if mesh.edges.is_empty() {
-            mesh.name_rims();
-        }
+        mesh.name_rims();
         mesh.require_parts(self.parts)?;
         Ok(mesh)
     }

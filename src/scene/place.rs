@@ -3,7 +3,7 @@
 use super::document::{Document, join, quote};
 use super::entry::{self, Entry, Kind, Table, flat, table, via};
 use super::given::Region;
-use super::kinds::{condition, name, number};
+use super::kinds::{condition, number, tag};
 use super::mesh::MeshTable;
 use crate::error::Result;
 use crate::field::Condition;
@@ -17,12 +17,12 @@ pub(super) fn coordinates() -> Kind<[f64; 2]> {
 
 /// Physical point of the mesh file.
 pub(super) fn point_name() -> Kind<String> {
-    name("expected the name of a physical point")
+    tag("expected the name of a physical point")
 }
 
 /// Physical surface of the mesh file.
 pub(super) fn group() -> Kind<String> {
-    name("expected the name of a physical group")
+    tag("expected the name of a physical group")
 }
 
 table! {

@@ -4,7 +4,7 @@ use super::column::column;
 use super::document::{Document, join};
 use super::entry::{Kind, table, via};
 use super::given::FieldInput;
-use super::kinds::{condition, name, not_negative, number, positive, word};
+use super::kinds::{condition, name, not_negative, number, positive, tag, word};
 use super::place::{coordinates, point_name};
 use super::words::Choice;
 use super::{InPlaneHold, SupportKind};
@@ -107,7 +107,7 @@ table! {
 
 /// Name of an edge.
 fn edge() -> Kind<String> {
-    let curve = name("expected the name of a physical curve");
+    let curve = tag("expected the name of a physical curve");
     let sides = ["left", "right", "bottom", "top"];
     let read = move |doc: &Document, key: &str| match doc.get("mesh.file") {
         Some(_) => (curve.read)(doc, key),

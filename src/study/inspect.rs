@@ -23,6 +23,7 @@ use crate::simulation::{
     StressPeak,
 };
 use serde::Serialize;
+use std::collections::BTreeMap;
 use std::fmt;
 use std::time::{Duration, Instant};
 
@@ -118,6 +119,9 @@ pub struct Check {
     pub nodes: usize,
     /// Number of cells of the mesh.
     pub cells: usize,
+    /// Names that the mesh file gives to edges, groups and points.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub names: BTreeMap<&'static str, Vec<String>>,
     /// Notes on the mesh file, one sentence each.
     pub notes: Vec<String>,
     /// Nodes moved or inserted for points and lines of obstacles and supports.
@@ -316,6 +320,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         effects: scene.effects(),
         nodes: mesh.nodes.len(),
         cells: mesh.cells.len(),
+        names: if scene.file.is_some() { names(&mesh) } else { BTreeMap::new() },
         notes: mesh.notes.clone(),
         made_nodes: made.iter().map(told).collect(),
         dofs: system.engine.dofs(),
@@ -340,6 +345,17 @@ pub fn check(scene: &Scene) -> Result<Check> {
         quickest: QuickestRanks::new(&native, system.engine.dofs(), steps, expected_seconds),
         warnings,
     })
+}
+
+/// Returns the names of a mesh by their kind.
+fn names(mesh: &Mesh) -> BTreeMap<&'static str, Vec<String>> {
+    let Mesh { edges, groups, points, .. } = mesh;
+    let kinds = [
+        ("edges", edges.keys().cloned().collect::<Vec<_>>()),
+        ("groups", groups.keys().cloned().collect()),
+        ("points", points.keys().cloned().collect()),
+    ];
+    kinds.into_iter().filter(|(_, names)| !names.is_empty()).collect()
 }
 
 fn initial_energy(model: &Model) -> Result<f64> {
@@ -547,6 +563,9 @@ impl fmt::Display for Check {
             [self.nodes, self.cells, self.dofs, self.bounded_dofs].map(|count| grouped(count as u64));
         report
             .text("mesh", format!("{nodes} nodes, {cells} cells, {dofs} dofs, of which {bounded} may touch"));
+        for (kind, names) in &self.names {
+            report.text(*kind, names.join(", "));
+        }
         for note in &self.notes {
             report.text("mesh file", note);
         }

@@ -122,6 +122,7 @@ pub fn close(what: &str, value: f64, expected: f64, tolerance: f64) {
 
 /// Mesh to be written as text of Gmsh 2.2, Abaqus or Nastran: nodes, cells of three or four nodes,
 /// and named lines.
+#[derive(Clone)]
 pub struct Drawing {
     pub nodes: Vec<[f64; 2]>,
     pub cells: Vec<Vec<usize>>,

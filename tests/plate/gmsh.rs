@@ -149,7 +149,7 @@ fn sparse_numbers_orphans_and_foreign_sections_are_welcome() {
 }
 
 /// Versions from 2.0 on have the sections of 2.2, the first also names without a dimension; and a
-/// name that no element uses is no hindrance.
+/// name that no element uses is no hindrance. The curve then has its number for a name.
 #[test]
 fn older_versions_and_names_of_nothing_are_welcome() {
     let read = |text: &str| Mesh::from_gmsh(text.as_bytes(), "square.msh").unwrap();
@@ -161,7 +161,8 @@ fn older_versions_and_names_of_nothing_are_welcome() {
         SQUARE.replace("2.2 0", "2 0").replace("1 1 \"the", "1 \"the").replace("2 2 \"plate", "2 \"plate");
     assert_eq!(read(&bare), mesh);
     let empty = read(&SQUARE.replace("1 1 2 1 1 20 10", "1 1 2 0 1 20 10"));
-    assert_eq!((empty.cells, empty.edges), (mesh.cells, [].into()));
+    let curve = ("1".to_string(), vec![[0, 1]]);
+    assert_eq!((empty.cells, empty.edges), (mesh.cells, [curve].into()));
 }
 
 #[track_caller]

@@ -371,4 +371,33 @@ fn outlines_and_holes_need_no_names() {
     assert!((first, second) == (6, 6) && (left - 0.3).abs() < 1e-12 && (right - 0.7).abs() < 1e-12);
     let wrong = refusal(&text(&unnamed, "", "support = [{ edge = \"rim\", kind = \"clamped\" }]\n"));
     assert_refused(&wrong, &["no edge named \"rim\"", "boundary, hole_1, hole_2"]);
+    // Names of the file stay, and rims stand beside them where their names are free.
+    let names = |lines: Vec<(&'static str, Vec<[usize; 2]>)>, file: &str| {
+        let file = Drawing { lines, ..drawing.clone() }.write(file);
+        study::check(&scene(&text(&file, "", ""))).unwrap().names["edges"].join(", ")
+    };
+    let side = || vec![[0, 1]];
+    assert_eq!(names(vec![("left", side())], "rims_left.msh"), "boundary, hole_1, hole_2, left");
+    let taken = names(vec![("boundary", side()), ("hole_2", side())], "rims_taken.msh");
+    assert_eq!(taken, "boundary, hole_2");
+}
+
+/// A curve of the drawing in no physical group has its number for a name, unless a group has it.
+#[test]
+fn curves_in_no_group_are_called_by_their_numbers() {
+    let drawing = Drawing::grid([3, 2], [0.6, 0.4], false, |x, y| [x, y]);
+    let file = drawing.write("curves.msh");
+    let lines = std::fs::read_to_string(&file).unwrap();
+    let line = |line: &str| match line.split(' ').collect::<Vec<_>>()[..] {
+        [number, "1", "2", "1", _, a, b] => format!("{number} 1 2 0 11 {a} {b}"),
+        [number, "1", "2", "2", _, a, b] => format!("{number} 1 2 0 3 {a} {b}"),
+        _ => line.to_owned(),
+    };
+    let numbered = lines.lines().map(line).collect::<Vec<_>>().join("\n").replace("\"bottom\"", "\"3\"");
+    std::fs::write(&file, numbered).unwrap();
+    let held = |edge: &str| format!("support = [{{ edge = {edge}, kind = \"clamped\" }}]\n");
+    let mesh = simulation::mesh(&scene(&text(&file, "", &held("\"11\"")))).unwrap();
+    assert_eq!([mesh.edges["11"].len(), mesh.edges["3"].len()], [2, 3]);
+    assert!(!mesh.edges.contains_key("left"));
+    assert_refused(&refusal(&text(&file, "", &held("11"))), &["found the integer 11", "in quotes, \"11\""]);
 }

@@ -47,6 +47,8 @@ def expected():
     result = {"triangles": len(gmsh.model.mesh.getElementsByType(2)[0]),
               "quadrilaterals": len(gmsh.model.mesh.getElementsByType(3)[0]),
               "area": measure(2, elements(2, -1))[1], "edges": {}, "groups": {}, "points": {}}
+    if not gmsh.model.getPhysicalGroups():
+        result["edges"] = {str(tag): measure(1, elements(1, tag)) for _, tag in gmsh.model.getEntities(1)}
     cells = gmsh.model.mesh.getElements(2)[2]
     result["nodes"] = len({int(n) for block in cells for n in block})
     for dimension, tag in gmsh.model.getPhysicalGroups():
