@@ -144,6 +144,19 @@ fn stresses(scene: &Scene, mesh: &Mesh) -> Vec<String> {
             ));
         }
     }
+    let Scene { output, .. } = scene;
+    let keys = [
+        ("extremes", output.extremes),
+        ("stresses", output.fields.is_some_and(|snapshots| snapshots.stresses)),
+    ];
+    if let Some((key, _)) = keys.into_iter().find(|(_, is_on)| *is_on)
+        && let Some((what, _)) = points.first()
+    {
+        warnings.push(format!(
+            "output.{key}: beside a point that is held or loaded ({what}) the stress has no limit under refinement, so that the \
+             largest may grow with every finer mesh: give a support the radius of its washer, spread a force over an area"
+        ));
+    }
     warnings
 }
 
@@ -163,7 +176,12 @@ fn group(name: &str, mesh: &Mesh) -> Vec<Point> {
 
 /// Returns the points at which forces act on the plate, each with its table.
 fn points(scene: &Scene, mesh: &Mesh) -> Vec<(String, Point)> {
-    let supports = scene.supports.iter().map(|support| places(support, mesh));
+    let is_bare = |support: &Support| {
+        use SupportLocation::{At, Edge, Point};
+        matches!(support.stand, At(_, None) | Point(_, None) | Edge { .. })
+    };
+    let held = |support| if is_bare(support) { places(support, mesh) } else { Vec::new() };
+    let supports = scene.supports.iter().map(held);
     let obstacles = scene.obstacles.iter().map(|obstacle| match &obstacle.region {
         Region::At(place) => vec![Point::from(*place)],
         Region::Point(name) => group(name, mesh),

@@ -36,6 +36,28 @@ fn a_point_holds_no_slope() {
     assert_eq!(warnings(&format!("{pinned}, {EDGE}"), ""), [""; 0]);
 }
 
+/// The largest stress of a run grows too where a point is held or loaded, but not under a washer.
+#[test]
+fn the_largest_stress_has_no_limit_beside_a_point() {
+    let pinned = |more: &str| format!(r#"{EDGE}, {{ at = [0.09, 0.09], kind = "simply_supported"{more} }}"#);
+    for (support, more, expected) in [
+        (pinned(""), "output.extremes = true", &["output.extremes: ", "support.1"][..]),
+        (pinned(""), "output = { fields_every = 1, stresses = true }", &["output.stresses: ", "support.1"]),
+        (
+            EDGE.into(),
+            "output.extremes = true\nload.force = [{ at = [0.1, 0.1], value = 1 }]",
+            &["load.force.0"],
+        ),
+        (EDGE.into(), "output.extremes = true", &[]),
+        (pinned(", radius = 0.05"), "output.extremes = true", &[]),
+        (pinned(""), "output = { fields_every = 1 }", &[]),
+    ] {
+        let said = warnings(&support, more);
+        assert_eq!(said.len(), usize::from(!expected.is_empty()), "{more}: {said:?}");
+        assert!(expected.iter().all(|word| said[0].contains(word)), "{said:?}");
+    }
+}
+
 /// Moments grow as the logarithm of the distance from a point force.
 #[test]
 fn a_stress_beside_a_point_force_has_no_limit() {
