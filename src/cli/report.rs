@@ -24,6 +24,9 @@ pub(super) fn report(
     for KeyFigure { title, text } in answers {
         report.text(title, text);
     }
+    if scene.load.as_ref().is_some_and(|load| !load.base_acceleration.is_zero()) {
+        report.text("results", "relative to the accelerated base");
+    }
     if verbose {
         add_numerics(&mut report, scene, outcome);
     }

@@ -38,7 +38,7 @@ impl Scene {
         add(self.motions().next().is_some(), "moving supports");
         if let Some(load) = &self.load {
             add(load.gravity != 0.0, "gravity");
-            add(!load.base_acceleration.is_zero(), "accelerated base");
+            add(!load.base_acceleration.is_zero(), "accelerated base (results relative to it)");
             add(load.fields().any(|given| !given.is_zero() && !given.changes()), "constant load");
             add(load.fields().any(FieldInput::changes), "load in time");
         }

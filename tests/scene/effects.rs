@@ -88,6 +88,8 @@ fn an_accelerated_frame_is_that_of_a_moving_support() {
     };
     let moved = run(&text(", motion = \"0.3*t^2\"", ""));
     let shaken = run(&text("", "load.base_acceleration = 0.6\n"));
+    let told = scene(&text("", "load.base_acceleration = 0.6\n")).effects().join(", ");
+    assert!(told.contains("accelerated base (results relative to it)"), "{told}");
     let largest = shaken.iter().fold(0.0, |largest: f64, row| largest.max(row.probes[0].abs()));
     for (moved, shaken) in moved.iter().zip(&shaken) {
         let relative = moved.probes[0] - 0.3 * moved.time * moved.time;
