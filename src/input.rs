@@ -39,6 +39,12 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     if bytes.len() as u64 > most {
         return Err(too_large(bytes.len() as u64));
     }
+    if bytes.starts_with(b"version https://git-lfs") {
+        return Err(Error::Scene(format!(
+            "{}: a pointer of Git LFS in place of the file; `git lfs pull` fetches the file itself",
+            path.display()
+        )));
+    }
     Ok(bytes)
 }
 

@@ -2,6 +2,7 @@
 //! errors with their position.
 
 use std::fmt::Display;
+use std::path::Path;
 use std::str::FromStr;
 
 use crate::error::{Error, Result};
@@ -18,19 +19,32 @@ pub enum Encoding {
     BigEndian,
 }
 
-/// Beginnings of files that are no meshes of Gmsh, with what they are and what to do.
-const FOREIGN: [(&[u8], &str); 10] = [
-    (b"version", "a pointer of Git LFS in place of the mesh; `git lfs pull` fetches the mesh itself"),
-    (b"ISO-10303-21", "a geometry (STEP) without a mesh; mesh it in Gmsh, and save it as .msh"),
-    (b"solid", "a surface (STL) without a mesh of the plane; mesh it in Gmsh, and save it as .msh"),
-    (b"DBRep_DrawableShape", "a geometry (BREP) without a mesh; mesh it in Gmsh, and save it as .msh"),
-    (b"<?xml", "an XML file; open it in Gmsh or meshio, and save it as .msh"),
-    (b"*", "an input file of Abaqus or CalculiX; its name should end in .inp"),
-    (b"SOL", "an input file of Nastran; its name should end in .bdf, .nas or .dat"),
-    (b"BEGIN", "an input file of Nastran; its name should end in .bdf, .nas or .dat"),
-    (b"GRID", "an input file of Nastran; its name should end in .bdf, .nas or .dat"),
-    (b"Point(", "a script of Gmsh (.geo); `gmsh -2 FILE.geo` makes its mesh, a .msh file"),
+/// Files that are no meshes of Gmsh: their endings, their first bytes, what they are, and what to
+/// do.
+const FOREIGN: [(&str, &str, &str, &str); 19] = [
+    ("geo", "Point(|//|SetFactory", "a script of Gmsh", MESHED),
+    ("step|stp", "ISO-10303-21", "a geometry (STEP) without a mesh", MESHED),
+    ("igs|iges", "", "a geometry (IGES) without a mesh", MESHED),
+    ("brep", "DBRep_DrawableShape", "a geometry (BREP) without a mesh", MESHED),
+    ("dxf", "", "a drawing (DXF) without a mesh", "save it as STEP in a CAD program, and mesh that in Gmsh"),
+    ("stl", "solid", "a surface (STL) without a mesh of the plane", "mesh it in Gmsh, and save it as .msh"),
+    ("vtk", "# vtk", "a grid of VTK", CONVERTED),
+    ("vtu|xdmf|xml", "<?xml", "an XML file", CONVERTED),
+    ("med", "", "a mesh of Salome (MED)", CONVERTED),
+    ("su2", "NDIME", "a mesh of SU2", CONVERTED),
+    ("mesh", "MeshVersionFormatted", "a mesh of Medit", CONVERTED),
+    ("off", "OFF", "a surface (OFF)", CONVERTED),
+    ("obj", "", "a surface (OBJ)", CONVERTED),
+    ("unv", "", "a universal file of I-DEAS", "`gmsh -save {in} -o {out}` converts it"),
+    ("cdb", "/COM|/PREP7", "an archive of Ansys", SAVED),
+    ("k|key", "*KEYWORD", "an input file of LS-DYNA", SAVED),
+    ("json", "{", "a JSON file", SAVED),
+    ("", "*", "an input file of Abaqus or CalculiX", "its name should end in .inp"),
+    ("", "SOL|BEGIN|GRID", "an input file of Nastran", "its name should end in .bdf, .nas or .dat"),
 ];
+const MESHED: &str = "`gmsh -2 {in} -o {out}` makes its mesh";
+const CONVERTED: &str = "`meshio convert {in} {out}` converts it";
+const SAVED: &str = "save its mesh as .inp, .bdf or .msh";
 
 /// Position in a file, which every read advances. The `expected` arguments say in error messages
 /// what should stand there.
@@ -181,14 +195,27 @@ impl<'a> Cursor<'a> {
         let name = word.strip_prefix(b"$").and_then(|name| std::str::from_utf8(name).ok());
         match name {
             Some(name) => Ok(Some((name, place))),
-            None => {
-                let is_of = |(beginning, _): &&(&[u8], &str)| word.starts_with(beginning);
-                match FOREIGN.iter().find(is_of).filter(|_| self.bytes[..place].trim_ascii().is_empty()) {
-                    Some((_, what)) => Err(self.fault(place, format_args!("the file is {what}"))),
-                    None => Err(self.unexpected(place, "a section ($Nodes, $Elements, ...)", word)),
-                }
-            }
+            None => Err(self.unexpected(place, "a section ($Nodes, $Elements, ...)", word)),
         }
+    }
+
+    /// Refuses a file of another kind than Gmsh's, which its ending or its first bytes tell.
+    pub fn refuse_foreign(&self) -> Result<()> {
+        let path = Path::new(self.file);
+        let ending = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        let bytes = self.bytes.trim_ascii_start();
+        let is_one =
+            |words: &str, holds: &dyn Fn(&str) -> bool| words.split('|').any(|w| !w.is_empty() && holds(w));
+        let is_of = |(endings, beginnings, ..): &&(&str, &str, &str, &str)| {
+            is_one(endings, &|word| word == ending)
+                || is_one(beginnings, &|word| bytes.starts_with(word.as_bytes()))
+        };
+        let foreign = FOREIGN.iter().filter(|_| !bytes.starts_with(b"$MeshFormat")).find(is_of);
+        foreign.map_or(Ok(()), |(_, _, what, remedy)| {
+            let out = path.with_extension("msh").display().to_string();
+            let remedy = remedy.replace("{out}", &out).replace("{in}", self.file);
+            Err(self.fault(self.bytes.len() - bytes.len(), format_args!("the file is {what}; {remedy}")))
+        })
     }
 
     /// Moves past the end of the line, after which binary numbers start.

@@ -17,6 +17,7 @@ const DIALECT: Dialect = Dialect {
 
 /// Reads the contents of a file.
 pub fn read(cursor: Cursor) -> Result<Contents> {
+    cursor.refuse_foreign()?;
     let mut sections = Sections { contents: Contents::new(cursor, &DIALECT), entities: HashMap::new() };
     sections.read()?;
     Ok(sections.contents)
