@@ -9,17 +9,30 @@ use std::io::{self, BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Largest size of a scene file, in bytes.
-pub const LARGEST_SCENE: u64 = 4_000_000;
+const LARGEST_SCENE: u64 = 4_000_000;
 
 /// Reads a file of at most `most` bytes. Folders, devices, pipes and sockets are refused without
 /// being opened.
 ///
 /// # Errors
 /// Returns [`Error::Io`] for a file that is refused or cannot be read, and [`Error::Memory`] for
-/// one larger than the memory that is left.
+/// one larger than the memory that is left, and [`Error::Scene`] for a pointer of Git LFS.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
+    read_like(path, most, "")
+}
+
+/// Reads the file of a scene like [`read`].
+///
+/// # Errors
+/// Returns the errors of [`read`].
+pub fn read_scene(path: &Path) -> Result<Vec<u8>> {
+    read_like(path, LARGEST_SCENE, ".toml")
+}
+
+/// Works as [`read`], for a file whose name usually has some ending.
+fn read_like(path: &Path, most: u64, ending: &str) -> Result<Vec<u8>> {
     let refuse = |why: String| Error::io(path)(io::Error::new(io::ErrorKind::InvalidInput, why));
-    let metadata = fs::metadata(path).map_err(|why| Error::io(path)(with_nearest(path, why)))?;
+    let metadata = fs::metadata(path).map_err(|why| Error::io(path)(with_nearest(path, ending, why)))?;
     require_file(&metadata).map_err(Error::io(path))?;
     let too_large = |size: u64| {
         let (size, most) = (memory::size(size), memory::size(most));
@@ -48,14 +61,19 @@ pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Adds the nearest name in its folder to the error of a file that is not there.
-fn with_nearest(path: &Path, why: io::Error) -> io::Error {
+/// Adds the nearest name in its folder, of some ending where there is one, to the error of a file
+/// that is not there.
+fn with_nearest(path: &Path, ending: &str, why: io::Error) -> io::Error {
     let (Some(name), io::ErrorKind::NotFound) = (path.file_name(), why.kind()) else { return why };
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let files = fs::read_dir(folder).into_iter().flatten().flatten();
     let names: Vec<String> = files.map(|file| file.file_name().to_string_lossy().into_owned()).collect();
-    let names: Vec<&str> = names.iter().map(String::as_str).collect();
-    let hint = suggestion(&name.to_string_lossy(), &names);
+    let hints = [ending, ""].map(|ending| {
+        let names: Vec<&str> =
+            names.iter().map(String::as_str).filter(|name| name.ends_with(ending)).collect();
+        suggestion(&name.to_string_lossy(), &names)
+    });
+    let hint = hints.into_iter().find(|hint| !hint.is_empty()).unwrap_or_default();
     io::Error::new(why.kind(), format!("there is no such file{hint}"))
 }
 
@@ -110,6 +128,15 @@ pub fn require_file(metadata: &Metadata) -> io::Result<()> {
         _ => "a device, pipe or socket",
     };
     Err(io::Error::new(io::ErrorKind::InvalidInput, format!("{kind}; expected a file")))
+}
+
+/// Refuses a file in place of the folder of a run.
+///
+/// # Errors
+/// Returns [`Error::Io`] naming the file.
+pub fn refuse_file(path: &Path) -> Result<()> {
+    let wrong = || Error::invalid(path, "a file; expected the folder of a run, such as runs/plate");
+    if path.is_file() { Err(wrong()) } else { Ok(()) }
 }
 
 /// Returns the files of a folder with what a function reads from their names, if it reads anything;

@@ -15,7 +15,21 @@ type Read = fn(Cursor) -> Result<Contents>;
 const FORMATS: [(&str, Read); 4] =
     [("inp", abaqus::read), ("bdf", nastran::read), ("nas", nastran::read), ("dat", nastran::read)];
 
+/// Returns the reader of the format that the ending of a file name tells, other than Gmsh's.
+fn format_of(file_name: &str) -> Option<Read> {
+    FORMATS.iter().find(|(ending, _)| ends_in(file_name, ending)).map(|(_, read)| *read)
+}
+
+fn ends_in(file_name: &str, ending: &str) -> bool {
+    Path::new(file_name).extension().is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
+}
+
 impl Mesh {
+    /// Returns whether a file name is that of a mesh.
+    pub fn is_named(file_name: &str) -> bool {
+        format_of(file_name).is_some() || ends_in(file_name, "msh")
+    }
+
     /// Reads a mesh saved by Gmsh: MSH 2.0 to 2.2 or 4.1, text or binary.
     ///
     /// - Triangles and quadrangles become cells, in the order of the file; clockwise ones are
@@ -68,9 +82,7 @@ impl Mesh {
 
     /// Reads a mesh like [`Mesh::load`], from the bytes of a file.
     pub fn from_bytes(bytes: &[u8], file_name: &str, import: Import) -> Result<Mesh> {
-        let ending = Path::new(file_name).extension().and_then(|ending| ending.to_str()).unwrap_or_default();
-        let is_of = |(name, _): &&(&str, Read)| ending.eq_ignore_ascii_case(name);
-        let format = FORMATS.iter().find(is_of).filter(|_| !bytes.starts_with(b"$MeshFormat"));
-        format.map_or(gmsh::read as Read, |(_, read)| *read)(Cursor::new(file_name, bytes))?.mesh(import)
+        let format = format_of(file_name).filter(|_| !bytes.starts_with(b"$MeshFormat"));
+        format.unwrap_or(gmsh::read)(Cursor::new(file_name, bytes))?.mesh(import)
     }
 }

@@ -147,6 +147,7 @@ impl Checkpoint {
     /// Returns [`Error::Checkpoint`] where there is none, and [`Error::Io`] where the folder cannot
     /// be read.
     pub fn newest(folder: &Path, or_last: bool) -> Result<(Checkpoint, Vec<Error>)> {
+        input::refuse_file(folder)?;
         let (name, state) = (folder.display(), folder.join(STATE));
         let paths = list(folder)?.into_iter().rev().map(|(_, path)| path);
         let mut damaged = Vec::new();

@@ -9,6 +9,7 @@ use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Surface};
 use super::{checkpoint, contacts, extremes, history, if_there, summary};
 use crate::error::{Error, Result};
+use crate::input;
 use crate::scene::Scene;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -218,6 +219,7 @@ impl RunFolder {
 
 /// Reads `summary.json`, and tells what a folder without one is.
 fn read_summary(folder: &Path) -> Result<Value> {
+    input::refuse_file(folder)?;
     let path = folder.join(summary::FILE);
     let Some(text) = if_there(&path, fs::read_to_string(&path))? else {
         let shown = folder.display();

@@ -11,7 +11,7 @@ use toml::de::{DeTable, DeValue};
 use super::words::EngineName;
 use crate::error::{Error, Result, suggestion};
 use crate::field::Parameters;
-use crate::mesh::Point;
+use crate::mesh::{Mesh, Point};
 
 /// Limit on the parts of an override's key, more than any key of a scene has.
 const DEEPEST_KEY: usize = 8;
@@ -69,11 +69,18 @@ impl<'a> Document<'a> {
         overrides: &'a [String],
         engine: EngineName,
     ) -> Result<Self> {
+        let unless_mesh = |error: Error| match Path::new(file).file_name() {
+            Some(name) if Mesh::is_named(file) => {
+                let wrong = format!("a mesh; expected a scene, which names it by mesh.file = {name:?}");
+                error_at(file, &wrong)
+            }
+            _ => error,
+        };
         let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
         let text = std::str::from_utf8(bytes).map_err(|error| {
             let offset = error.valid_up_to();
             let wrong = format!("byte 0x{:02x} is not UTF-8; expected TOML text in UTF-8", bytes[offset]);
-            error_at(&position(file, bytes, offset), &wrong)
+            unless_mesh(error_at(&position(file, bytes, offset), &wrong))
         })?;
         let table = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(text.len(), |span| span.start);
@@ -84,7 +91,7 @@ impl<'a> Document<'a> {
             let is_second = decimals > 0 && matches!(number, [.., b'0'..=b'9', b',']);
             let is_comma = matches!(after, [b',', b'0'..=b'9', ..]) || is_second && after.starts_with(b",");
             let hint = if is_comma { "; a decimal point is written ." } else { "" };
-            error_at(&position(file, bytes, offset), &(syntax(&error) + hint))
+            unless_mesh(error_at(&position(file, bytes, offset), &(syntax(&error) + hint)))
         })?;
         let root =
             Node { place: SourcePlace::Byte(0), value: Value::table(table.get_ref(), &SourcePlace::Byte) };

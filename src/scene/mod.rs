@@ -109,7 +109,7 @@ impl Scene {
     /// Works as [`Scene::load`], with the default engine for a scene that names none.
     pub fn load_for(path: impl AsRef<Path>, overrides: &[String], engine: EngineName) -> Result<Scene> {
         let path = path.as_ref();
-        let bytes = input::read(path, input::LARGEST_SCENE)?;
+        let bytes = input::read_scene(path)?;
         let name = path.to_string_lossy();
         Scene::of(&Document::parse(&bytes, &name, overrides, engine)?)
     }

@@ -215,6 +215,15 @@ fn what_cannot_be_read_or_written_exits_4() {
     assert_fails(&rebond(&folder, &["run", "no.toml"]), 4, &["no.toml"]);
     let output = rebond(&folder, &["run", "fall.toml", "--quiet", "--out", "fall.toml/run"]);
     assert_fails(&output, 4, &["fall.toml"]);
+    std::fs::write(folder.join("fall.msh"), "$MeshFormat\n").unwrap();
+    assert_fails(&rebond(&folder, &["run", "fall"]), 4, &["did you mean fall.toml?"]);
+    assert_fails(&rebond(&folder, &["run", "fall.msh"]), 2, &["a mesh; expected a scene", "\"fall.msh\""]);
+    for command in ["plot", "report", "resume"] {
+        let output = rebond(&folder, &[command, "fall.toml"]);
+        assert_fails(&output, 4, &["fall.toml: a file; expected the folder of a run"]);
+    }
+    std::fs::write(folder.join("fall.toml"), "version https://git-lfs.github.com/spec/v1\n").unwrap();
+    assert_fails(&rebond(&folder, &["run", "fall.toml"]), 2, &["fall.toml: a pointer of Git LFS"]);
 }
 
 #[test]
