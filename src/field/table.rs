@@ -55,14 +55,21 @@ impl Table {
             if row.is_empty() || is_header {
                 continue;
             }
-            let expected = "expected a time in s and a value, separated by a comma";
+            let expected = || {
+                let hint = match row.contains(';') {
+                    true => format!(", such as {}", cut(&row.replace(',', ".").replace(';', ","))),
+                    false if row.split(',').count() == 4 => "; a decimal point is written .".to_owned(),
+                    false => String::new(),
+                };
+                format!("expected a time in s and a value, separated by a comma{hint}")
+            };
             let Some((time, value)) = row.split_once(',').filter(|(_, value)| !value.contains(',')) else {
-                return Err(fault(line_number, format!("found {}; {expected}", cut(row))));
+                return Err(fault(line_number, format!("found {}; {}", cut(row), expected())));
             };
             let number = |cell: &str| match cell.trim().parse::<f64>() {
                 Ok(number) if number.is_finite() => Ok(number),
                 _ => {
-                    let wrong = format!("{:?} is not a finite number; {expected}", cut(cell.trim()));
+                    let wrong = format!("{:?} is not a finite number; {}", cut(cell.trim()), expected());
                     Err(fault(line_number, wrong))
                 }
             };

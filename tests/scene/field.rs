@@ -396,7 +396,9 @@ fn faults_of_tables_name_the_line() {
     for (csv, wrong) in [
         ("", "1: the table ends after 0 rows; expected at least 2".to_owned()),
         ("t,p\n0,1\n", "2: the table ends after 1 rows; expected at least 2".to_owned()),
-        ("0,1\n1;2\n", format!("2: found 1;2; {expected}")),
+        ("0,1\n1;2\n", format!("2: found 1;2; {expected}, such as 1,2")),
+        ("t;p\n0,5;1,25\n", format!("2: found 0,5;1,25; {expected}, such as 0.5,1.25")),
+        ("0,1\n0,5,1,25\n", format!("2: found 0,5,1,25; {expected}; a decimal point is written .")),
         ("0,1\n1,2,3\n", format!("2: found 1,2,3; {expected}")),
         ("0,1\n1,inf\n", format!("2: \"inf\" is not a finite number; {expected}")),
         ("0,1\nt,p\n", format!("2: \"t\" is not a finite number; {expected}")),
