@@ -91,6 +91,9 @@ pub(super) const FUNCTIONS: [(&str, Function); 28] = [
 const UNITS: [&str; 14] =
     ["Pa", "kPa", "MPa", "GPa", "Hz", "kHz", "N", "kN", "mm", "um", "ms", "us", "deg", "kg"];
 
+/// Hint at the units that a user writes behind numbers.
+const NO_UNITS: &str = "; a formula has no units, its key has one";
+
 const CONSTANTS: [(&str, f64); 2] = [("pi", std::f64::consts::PI), ("e", std::f64::consts::E)];
 
 /// Binding powers of operators: to the left, and the least accepted to the right.
@@ -350,7 +353,7 @@ impl<'a> Parser<'a> {
         if Name::ALL.iter().any(|name| name.word() == word) {
             return self.fault(start, format!("{word} is not known here; {expected}"));
         }
-        let hint = self.hint(word);
+        let hint = if UNITS.contains(&word) { NO_UNITS.to_owned() } else { self.hint(word) };
         self.fault(start, format!("{} is not known; {expected}, or a function{hint}", cut(word)))
     }
 
@@ -436,9 +439,7 @@ impl<'a> Parser<'a> {
         let token = cut(&self.text[self.span.clone()]);
         let hint = match self.token {
             Token::Symbol(",") => "; a decimal point is written .",
-            _ if UNITS.contains(&&self.text[self.span.clone()]) => {
-                "; a formula has no units, its key has one"
-            }
+            _ if UNITS.contains(&&self.text[self.span.clone()]) => NO_UNITS,
             Token::Symbol(_) if self.infix().is_some() => "",
             _ => "; a product is written with *",
         };

@@ -27,6 +27,8 @@ pub(super) struct Document<'a> {
     root: Node,
     /// Engine of a scene that names none.
     pub engine: EngineName,
+    /// Returns the unit of a key.
+    units: fn(&str) -> Option<String>,
     /// Parameters, once they are read.
     pub parameters: OnceCell<Parameters>,
     /// Named points of the mesh file, once they are read.
@@ -62,12 +64,14 @@ pub(super) enum Value {
 }
 
 impl<'a> Document<'a> {
-    /// Parses the bytes of `file`, then applies the overrides in their order.
+    /// Parses the bytes of `file`, then applies the overrides in their order; `units` are those of
+    /// keys, for messages.
     pub fn parse(
         bytes: &'a [u8],
         file: &'a str,
         overrides: &'a [String],
         engine: EngineName,
+        units: fn(&str) -> Option<String>,
     ) -> Result<Self> {
         let unless_mesh = |error: Error| match Path::new(file).file_name() {
             Some(name) if Mesh::is_named(file) => {
@@ -84,19 +88,13 @@ impl<'a> Document<'a> {
         })?;
         let table = DeTable::parse(text).map_err(|error| {
             let offset = error.span().map_or(text.len(), |span| span.start);
-            // In a table on one line the comma after the decimals is the one that is too many.
-            let (before, after) = text.as_bytes().split_at(offset);
-            let decimals = before.iter().rev().take_while(|byte| byte.is_ascii_digit()).count();
-            let number = &before[..before.len() - decimals];
-            let is_second = decimals > 0 && matches!(number, [.., b'0'..=b'9', b',']);
-            let is_comma = matches!(after, [b',', b'0'..=b'9', ..]) || is_second && after.starts_with(b",");
-            let hint = if is_comma { "; a decimal point is written ." } else { "" };
-            unless_mesh(error_at(&position(file, bytes, offset), &(syntax(&error) + hint)))
+            let unit = || units(&key_before(&text[..offset]));
+            unless_mesh(error_at(&position(file, bytes, offset), &syntax(&error, text, offset, unit)))
         })?;
         let root =
             Node { place: SourcePlace::Byte(0), value: Value::table(table.get_ref(), &SourcePlace::Byte) };
         let (parameters, points) = (OnceCell::new(), OnceCell::new());
-        let mut document = Document { file, text, overrides, root, engine, parameters, points };
+        let mut document = Document { file, text, overrides, root, engine, units, parameters, points };
         for index in 0..overrides.len() {
             document.apply(index)?;
         }
@@ -233,7 +231,7 @@ impl<'a> Document<'a> {
     /// Missing tables are added, and at most one array entry.
     fn apply(&mut self, index: usize) -> Result<()> {
         let place = SourcePlace::Override(index);
-        let (key, leaf) = parse_override(&self.overrides[index], place)
+        let (key, leaf) = parse_override(&self.overrides[index], place, self.units)
             .map_err(|wrong| error_at(&self.describe(place), &wrong))?;
         let mut node = &mut self.root;
         let mut rest = parts(key).peekable();
@@ -357,7 +355,11 @@ fn parts(key: &str) -> impl Iterator<Item = &str> {
 
 /// Parses `key=value`. A word or a formula, which is no TOML value without quotes, counts as a
 /// string.
-fn parse_override(text: &str, place: SourcePlace) -> std::result::Result<(&str, Node), String> {
+fn parse_override(
+    text: &str,
+    place: SourcePlace,
+    units: fn(&str) -> Option<String>,
+) -> std::result::Result<(&str, Node), String> {
     let form = "expected --set key=value, such as --set time.step=1e-6";
     let (key, value) = text.split_once('=').ok_or_else(|| format!("there is no \"=\"; {form}"))?;
     let (key, value) = (key.trim(), value.trim());
@@ -376,7 +378,10 @@ fn parse_override(text: &str, place: SourcePlace) -> std::result::Result<(&str, 
         Err(_) if value.starts_with(char::is_alphabetic) || is_like_formula(value) => {
             Value::Text(value.to_owned())
         }
-        Err(error) => return Err(format!("{key}: {}", syntax(&error))),
+        Err(error) => {
+            let offset = error.span().map_or(0, |span| span.start);
+            return Err(format!("{key}: {}", syntax(&error, value, offset, || units(key))));
+        }
     };
     Ok((key, Node { place, value }))
 }
@@ -401,11 +406,49 @@ fn second_key(value: &str) -> Option<&str> {
     })
 }
 
-/// Formats an error of the TOML parser in the style of this program.
-fn syntax(error: &toml::de::Error) -> String {
+/// Formats an error of the TOML parser in the style of this program. It says where a number has a
+/// unit, given the key's, or a comma among its digits.
+fn syntax(error: &toml::de::Error, text: &str, offset: usize, unit: impl Fn() -> Option<String>) -> String {
     let message =
         error.message().replacen(", expected nothing", "", 1).replacen(", expected ", "; expected ", 1);
-    format!("invalid TOML: {message}")
+    let message = format!("invalid TOML: {message}");
+    let Some((before, after)) = text.split_at_checked(offset) else { return message };
+    let is_part = |c: char| c.is_ascii_digit() || "+-._eE".contains(c);
+    let number = &text[before.trim_end_matches(is_part).len()..];
+    let rest = number.trim_start_matches(is_part);
+    let has_unit = rest.len() < number.len() && rest.trim_start_matches(' ').starts_with(char::is_alphabetic);
+    if has_unit && let Some(unit) = unit() {
+        return format!("found a number with a unit; expected the number alone, in {unit}");
+    }
+    let before = before.trim_end().as_bytes();
+    let decimals = before.iter().rev().take_while(|byte| byte.is_ascii_digit()).count();
+    // In a table on one line the comma after the decimals is the one that is too many, or its end.
+    let is_second = decimals > 0 && ends_in_comma(&before[..before.len() - decimals]);
+    let is_comma = matches!(after.as_bytes(), [b',', b'0'..=b'9', ..])
+        || is_second && after.trim_start().starts_with([',', '}'])
+        || ends_in_comma(before) && matches!(after.as_bytes(), [b'0', b'0'..=b'9', ..]);
+    if is_comma { message + "; a decimal point is written ." } else { message }
+}
+
+/// Returns whether a text ends in a digit and a comma.
+fn ends_in_comma(text: &[u8]) -> bool {
+    matches!(text, [.., b'0'..=b'9', b','])
+}
+
+/// Returns the key whose value begins at the end of a text: in a table on one line, or below the
+/// head of a table.
+fn key_before(text: &str) -> String {
+    let name = |text: &str| text.trim().rsplit([' ', ',', '{', '[']).next().unwrap_or_default().to_owned();
+    let line = text.lines().next_back().unwrap_or_default();
+    let key = line.rsplit_once('=').map_or(String::new(), |(head, _)| name(head));
+    let heads = text.lines().rev().find(|line| line.trim_start().starts_with('['));
+    let table = match line.split_once('{') {
+        Some((head, _)) => name(head.trim().trim_end_matches(['=', ' ', '['])),
+        None => heads.map_or(String::new(), |head| {
+            head.split('#').next().unwrap_or_default().trim().trim_matches(['[', ']']).to_owned()
+        }),
+    };
+    join(&table, &key)
 }
 
 /// Formats the position of a byte as `FILE:LINE:COLUMN`, counted from 1, columns in characters.

@@ -111,7 +111,7 @@ impl Scene {
         let path = path.as_ref();
         let bytes = input::read_scene(path)?;
         let name = path.to_string_lossy();
-        Scene::of(&Document::parse(&bytes, &name, overrides, engine)?)
+        Scene::of(&Document::parse(&bytes, &name, overrides, engine, unit)?)
     }
 
     /// Reads a scene from text; messages call it `file_name`.
@@ -124,7 +124,7 @@ impl Scene {
     /// Any bytes give a scene or [`crate::Error::Scene`]. A scene that names points of a mesh file
     /// can also give the errors of reading that mesh.
     pub fn from_bytes(bytes: &[u8], file_name: &str, overrides: &[String]) -> Result<Scene> {
-        Scene::of(&Document::parse(bytes, file_name, overrides, EngineName::Native)?)
+        Scene::of(&Document::parse(bytes, file_name, overrides, EngineName::Native, unit)?)
     }
 
     fn of(doc: &Document) -> Result<Scene> {

@@ -325,6 +325,14 @@ fn bad_overrides_are_named() {
         ),
         ("time.step=", "--set time.step=: time.step: invalid TOML: "),
         ("time.step=.5", "--set time.step=.5: time.step: invalid TOML: invalid mantissa; expected digits"),
+        (
+            "time.step=20us",
+            "--set time.step=20us: time.step: found a number with a unit; expected the number alone, in s",
+        ),
+        (
+            "plate.thickness=0,001",
+            "plate.thickness: invalid TOML: unexpected content; a decimal point is written .",
+        ),
         ("time.step=1\n2", "--set time.step=1\\n2: time.step: invalid TOML: unexpected content"),
         ("time.stepp=1", "--set time.stepp=1: time.stepp: unknown key; expected one of scheme,"),
         ("tame.step=1", "--set tame.step=1: tame: unknown key; expected one of title,"),
