@@ -144,6 +144,14 @@ impl Error {
         }
     }
 
+    /// Adds warnings, which may tell the reason, to the words of a singular problem.
+    pub(crate) fn beside(self, warnings: &[String]) -> Error {
+        match self {
+            Error::Singular(words) => Error::Singular([&[words], warnings].concat().join("; ")),
+            other => other,
+        }
+    }
+
     /// Returns the error of a file whose contents are wrong.
     pub fn invalid(path: impl Into<PathBuf>, what: impl Into<String>) -> Error {
         Error::io(path)(std::io::Error::new(std::io::ErrorKind::InvalidData, what.into()))

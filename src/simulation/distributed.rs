@@ -50,7 +50,7 @@ impl Model<Distributed> {
         }
         super::phase("mesh");
         let comm = context.comm();
-        let supports = |mesh: &Mesh| regions::supports(scene, mesh, comm);
+        let supports = |mesh: &Mesh| regions::supports(scene, mesh, comm).map_err(|why| scene.explain(why));
         let of_balls = &scene.attachments;
         let name = |number: usize| (format!("ball.{number}.at"), Point::from(of_balls.balls[number].at));
         let balls = (0..of_balls.balls.len()).chain(of_balls.balls_with_tips()).map(name);

@@ -212,12 +212,14 @@ pub fn load_totals(scene: &Scene, mesh: &Mesh) -> Result<Vec<LoadTotal>> {
 
 /// Returns the constraints that the supports of a scene put on each node.
 fn holds(scene: &Scene, mesh: &Mesh) -> Result<Vec<NodeConstraint>> {
-    Ok(DofMap::holds(mesh, &regions::supports(scene, mesh, &SelfComm)?))
+    let supports = regions::supports(scene, mesh, &SelfComm).map_err(|why| scene.explain(why))?;
+    Ok(DofMap::holds(mesh, &supports))
 }
 
 /// Returns the tips of compliant stops, on a single process.
 fn stops_on(scene: &Scene, mesh: &Mesh, holds: &[NodeConstraint]) -> Result<Vec<Stop>> {
-    stops::find(scene, mesh, holds, &SelfComm, &|of_nodes| Ok(of_nodes.to_vec()))
+    let sums = |of_nodes: &[f64]| Ok(of_nodes.to_vec());
+    stops::find(scene, mesh, holds, &SelfComm, &sums).map_err(|why| scene.explain(why))
 }
 
 /// Calls a closure with the build context of a single process.

@@ -255,10 +255,11 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
     let consistent = engine.form(consistent);
     let [singular, consistent] = [singular, &consistent].map(|mass| frequencies(&model, mass, is_loose));
     // A rigid motion may have no mass in the one that the scene does not use.
-    let (singular, consistent) = match scene.time.mass {
-        Mass::Consistent => (singular.unwrap_or_default(), consistent?),
-        Mass::Singular | Mass::Modal => (singular?, consistent.unwrap_or_default()),
+    let frequencies = match scene.time.mass {
+        Mass::Consistent => consistent.map(|consistent| (singular.unwrap_or_default(), consistent)),
+        Mass::Singular | Mass::Modal => singular.map(|singular| (singular, consistent.unwrap_or_default())),
     };
+    let (singular, consistent) = frequencies.map_err(|error| error.beside(&model.warnings))?;
     let free = if scene.time.mass == Mass::Consistent { &consistent } else { &singular };
     let fastest = with_rigid_balls(&native, free.clone());
     let (advised_step, energy_step) = (advised_for(scene, &fastest), energy_step_for(scene, &fastest));
@@ -298,7 +299,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
     let model = Model::new(&native)?;
     let Model { system, .. } = &model;
     let (mesh, made) = simulation::mesh_and_made(scene)?;
-    let frequencies = frequencies_of(&native, &model)?;
+    let frequencies = frequencies_of(&native, &model).map_err(|error| error.beside(&model.warnings))?;
     let inertia = 1.0 / (scene.time.step * scene.time.step);
     let factor_entries =
         system.engine.factor_size(&(&system.mass * inertia + &system.stiffness), &[])?.entries;

@@ -60,6 +60,7 @@ pub(super) fn judged(
     let mut warnings = notes.to_vec();
     warnings.extend(of_units(scene));
     warnings.extend(of_scene(scene));
+    warnings.extend(of_damping(scene));
     warnings.extend(in_time::warnings(scene));
     warnings.extend(points::warnings(scene));
     if let Some((model, frequencies)) = matrices {
@@ -117,6 +118,16 @@ fn of_scene(scene: &Scene) -> Option<String> {
                 scheme.name
             )
         }
+    })
+}
+
+/// Warns of modes that do not vibrate, which another unit of their damping explains.
+fn of_damping(scene: &Scene) -> Option<String> {
+    let ratios = scene.damping.as_ref()?.modal.of_modes(1);
+    let most = ratios.into_iter().fold(0.0, f64::max);
+    (most > 1.0).then(|| {
+        let most = significant(most);
+        format!("damping.modal = {most} is more than critical, so that its mode does not vibrate: 2 % is written 0.02")
     })
 }
 

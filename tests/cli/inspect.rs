@@ -160,6 +160,34 @@ fn finer_meshes_advise_the_same_step() {
     }
 }
 
+/// A plate in millimetres has no modes to be found; the question about its units is asked all the
+/// same. Moments alone have no force, but for rounding.
+#[test]
+fn odd_numbers_are_asked_about() {
+    let plate = |length: f64, [scheme, mass]: [&str; 2], more: &str| {
+        let text = format!(
+            "plate = {{ length = {length}, width = 0.1, thickness = 0.001, youngs_modulus = 7e10, poissons_ratio = 0.3, density = 2700 }}\n\
+             mesh = {{ element = \"fvs\", cells = [4, 2] }}\nsupport = [{{ edge = \"left\", kind = \"clamped\" }}]\n\
+             time = {{ scheme = \"{scheme}\", mass = \"{mass}\", step = 1e-5, end = 1e-4 }}\n{more}"
+        );
+        study::check(&Scene::from_str(&text, "odd.toml", &[]).unwrap())
+    };
+    let modal = ["conserving", "modal"];
+    for mass in [["newmark", "consistent"], modal] {
+        let refused = plate(200.0, mass, "").unwrap_err().to_string();
+        assert!(
+            refused.contains("residual") && refused.contains("is plate.length in millimetres?"),
+            "{refused}"
+        );
+    }
+    let warnings = plate(0.2, modal, "damping.modal = 1.5").unwrap().warnings;
+    assert!(warnings[0].starts_with("damping.modal = 1.5 is more than critical"), "{warnings:?}");
+    let moment = "load.moment = [{ at = [0.03, 0.033], about = \"x\", value = 1e-3 }]";
+    let start = plate(0.2, modal, moment).unwrap().loads[0].start;
+    assert_eq!(start.force, 0.0);
+    assert!((start.moments[0] - 1e-3).abs() < 1e-15, "{start:?}");
+}
+
 /// With the advised step a cosine in the relevant mode has the correct period within 1 %; with a
 /// step three times as long it has not.
 #[test]

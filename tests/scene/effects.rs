@@ -578,6 +578,9 @@ fn errors_name_the_key() {
     let second = "support = [{ edge = \"left\", kind = \"clamped\" }, { name = \"bolt\", at = [1.3, 0.3], kind = \"clamped\" }]";
     let said = refusal(&format!("{plate}{second}\n")).to_string();
     assert!(said.starts_with("support.1.at: ") && said.ends_with("; this is support 2 (\"bolt\")"), "{said}");
+    let nowhere = "support = [{ edge = \"left\", kind = \"clamped\" }, { edge = \"top\", where = \"x < 0\", kind = \"clamped\" }]";
+    let said = refusal(&format!("{plate}{nowhere}\n")).to_string();
+    assert!(said.starts_with("support.1.where: ") && said.ends_with("; this is support 2"), "{said}");
     let taper = plate.replace("thickness = 1", "thickness = \"0.5 - x\"");
     assert!(refusal(&taper).to_string().starts_with("plate.thickness: "));
     // Nothing can move where all dofs are held.

@@ -172,6 +172,11 @@ impl Resultant {
             sum.moments[0] += load[0] * node.y + load[2];
             sum.moments[1] -= load[0] * node.x + load[1];
         }
+        // A pure moment has forces that cancel.
+        let parts: f64 = load.chunks_exact(PER_NODE).map(|load| load[0].abs()).sum();
+        if sum.force.abs() < ROUNDING * parts {
+            sum.force = 0.0;
+        }
         sum
     }
 
@@ -226,6 +231,9 @@ pub struct LoadTotal {
     /// among a hundred instants for a pressure that is no sum of products of time and place.
     pub largest: Option<(f64, Resultant)>,
 }
+
+/// Force, relative to the magnitudes of its parts, below which it is rounding.
+const ROUNDING: f64 = 1e-12;
 
 /// Number of instants at which time-dependent loads are evaluated for their resultants. Between two
 /// of them the largest one is sought by halving where the bounds of the load exceed it.

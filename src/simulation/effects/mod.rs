@@ -136,7 +136,8 @@ pub(super) fn compose<E: OfCells, P: Partition>(engine: E, ground: &BuildContext
         buckling::is_buckled(ground, &engine, mechanism)? && ground.scene.time.mass == Mass::Modal;
     let [unpressed, geometric] = if is_buckled { ground.without_prestress() } else { Default::default() };
     let stiffness = engine.native().form(if is_buckled { unpressed } else { ground.stiffness() });
-    let (mass, doubt) = inertia::mass(&engine, ground, &stiffness, mechanism.is_some())?;
+    let (mass, doubt) = inertia::mass(&engine, ground, &stiffness, mechanism.is_some())
+        .map_err(|error| error.beside(&warnings))?;
     warnings.extend(doubt);
     let mut system = System {
         engine,
