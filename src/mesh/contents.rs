@@ -216,6 +216,10 @@ impl<'a> Contents<'a> {
             });
             numbers.push(number);
         }
+        let joined = positions.len() - mesh.nodes.len();
+        if import.slits && joined > 0 {
+            self.notes.push(format!("mesh.merge joined {joined} nodes to others, also across slits"));
+        }
         Ok((mesh, numbers))
     }
 

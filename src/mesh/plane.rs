@@ -97,9 +97,9 @@ impl Default for Plane {
     }
 }
 
-/// Formats a direction with four digits after the point.
+/// Formats a direction with five digits after the point, which show every plane that is not flat.
 fn direction(axis: Vector3<f64>) -> String {
-    let [x, y, z] = [axis.x, axis.y, axis.z].map(|part| (part * 1e4).round() / 1e4 + 0.0);
+    let [x, y, z] = [axis.x, axis.y, axis.z].map(|part| (part * 1e5).round() / 1e5 + 0.0);
     let [x, y, z] = [x, y, z].map(|part| part.to_string());
     format!("({x}, {y}, {z})")
 }

@@ -163,6 +163,7 @@ impl Mesh {
                     let [first, second] = [node.min(twin), node.max(twin)].map(|node| numbers.node(node));
                     let more = match twins.len() {
                         0 | 1 => String::new(),
+                        count if farthest == 0.0 => format!(", and {} more pairs are at the same place", count - 1),
                         count => format!(", and so are {} more pairs, up to {farthest:.1e} m apart", count - 1),
                     };
                     if distance <= JOINT * shortest[node] {

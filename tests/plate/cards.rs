@@ -181,6 +181,7 @@ fn a_mesh_lies_in_any_plane() {
     for (place, words) in [
         ((|x, y| [0.8 * x, y, 2.0 - 0.6 * x]) as fn(f64, f64) -> [f64; 3], ["(0.8, 0, -0.6)", "(0, 1, 0)"]),
         (|x, y| [0.6 * x, 0.8 * x, y], ["(0.6, 0.8, 0)", "(0, 0, 1)"]),
+        (|x, y| [x, y, 1e-4 * x], ["(1, 0, 0.0001)", "(0, 1, 0)"]),
     ] {
         for digits in [|x| x, rounded] {
             let mesh = turned(&|x, y| place(x, y).map(digits)).unwrap();

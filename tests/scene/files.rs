@@ -50,7 +50,11 @@ fn nodes_that_nearly_coincide_are_refused_or_merged() {
         let expected = inspect(&text(&whole, "", CLAMPED)).singular.lowest;
         for (number, gap) in [0.0, 1e-12, 1e-9, -1e-9, 3e-6].into_iter().enumerate() {
             let file = halves(triangles, gap, 0.0, 4).write(&format!("halves_{triangles}_{number}.msh"));
-            let twins = if gap.abs() < 1e-11 { "are both at" } else { "m apart" };
+            let twins = match gap {
+                0.0 => "and 4 more pairs are at the same place",
+                _ if gap.abs() < 1e-11 => "are both at",
+                _ => "m apart",
+            };
             assert_refused(&refusal(&text(&file, "", CLAMPED)), &[twins, "4 more pairs", "mesh.merge = "]);
             let merged = inspect(&text(&file, ", merge = 1e-5", CLAMPED)).singular.lowest;
             for (merged, expected) in merged.iter().zip(&expected) {
@@ -92,6 +96,9 @@ fn slits_are_allowed_where_the_scene_says_so() {
         let slit = inspect(&text(&file, ", slits = true, parts = 2", &both)).singular.lowest;
         close("the coarser half", slit[if rows == 4 { 0 } else { 1 }], expected[0], 1e-9);
     }
+    let file = halves(false, 0.0, 0.0, 4).write("slit_merged.msh");
+    let closed = study::check(&scene(&text(&file, ", slits = true, merge = 1e-6", &both))).unwrap().notes;
+    assert!(closed[0].contains("mesh.merge joined 5 nodes to others, also across slits"), "{closed:?}");
     let overlapping = halves(false, -0.15, 0.02, 4).write("overlapping_slit.msh");
     assert_refused(&refusal(&text(&overlapping, ", slits = true, parts = 2", &both)), &["but is not one of"]);
 
