@@ -36,6 +36,8 @@ const STEPS: [f64; 5] = [1e-4, 5e-5, 1e-5, 5e-6, 1e-6];
 const DRAWN: [f64; 4] = [1e-4, 1e-5, 5e-6, 1e-6];
 /// Time step of the deflections in the paper, in s.
 const PAPER_STEP: f64 = 5e-6;
+/// Number of steps from which the claims are judged.
+const FEWEST_JUDGED: usize = 3;
 /// Relative change of the energy that rounding explains, in half a million steps.
 const ROUNDING: f64 = 1e-9;
 /// Time between rows, in s.
@@ -125,6 +127,8 @@ pub enum Verdict {
     Holds,
     /// Claim that does not hold.
     Fails,
+    /// Claim that the steps are too few to judge.
+    NotJudged,
 }
 
 /// Claim of the paper's section 5, with the measurements.
@@ -148,6 +152,7 @@ impl fmt::Display for Claims {
             let verdict = match verdict {
                 Verdict::Holds => "holds",
                 Verdict::Fails => "FAILS",
+                Verdict::NotJudged => "not judged, the steps are too few",
             };
             writeln!(f, "{}  {claim}: {verdict}", number + 1)?;
             for line in measured {
@@ -325,7 +330,11 @@ fn flights(scene: &Scene) -> Result<Flights> {
 
 /// Judges the six claims by the measurements.
 fn judge(steps: &[f64], elements: &[Changes]) -> Vec<Claim> {
-    let verdict = |holds: bool| if holds { Verdict::Holds } else { Verdict::Fails };
+    let verdict = |holds: bool| match holds {
+        _ if steps.len() < FEWEST_JUDGED => Verdict::NotJudged,
+        true => Verdict::Holds,
+        false => Verdict::Fails,
+    };
     let every = |holds: &dyn Fn(&Changes) -> bool| verdict(elements.iter().all(holds));
     let lines = |line: &dyn Fn(&Changes) -> String| {
         elements.iter().map(|case| format!("{}  {}", case.element, line(case))).collect::<Vec<String>>()

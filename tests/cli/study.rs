@@ -376,6 +376,16 @@ fn wrong_lists_are_told_like_wrong_keys() {
     assert!(!folder.join("studies").exists());
 }
 
+/// Two steps show no trend, by which a claim would hold or fail.
+#[test]
+fn few_steps_judge_no_claim() {
+    let folder = command::folder("study-few", "");
+    let output = rebond(&folder, &["figures", "--out", "out", "--smallest-step", "5e-5"]);
+    let claims = String::from_utf8(output.stdout).unwrap();
+    assert!(output.status.success() && !claims.contains("FAILS"), "{claims}");
+    assert_eq!(claims.matches(": not judged, the steps are too few").count(), 6, "{claims}");
+}
+
 /// The claims are tested at steps down to 1e-5 s, and hold better at smaller ones.
 #[test]
 fn the_claims_of_the_paper_hold() {
