@@ -22,10 +22,10 @@ pub(super) struct SoundArgs {
     /// Folder of a finished run
     folder: PathBuf,
     /// Probe of a deflection or a velocity, whose velocity is the sound unless --at is given
-    #[arg(long, value_name = "NAME", required_unless_present = "at")]
+    #[arg(long, value_name = "NAME")]
     probe: Option<String>,
-    /// Point in m, z above the plate: repeats the run for the sound pressure there, the plate in an
-    /// infinite rigid baffle
+    /// Point in m, z above the plate or, negative, below it: repeats the run for the sound pressure
+    /// there, the plate in an infinite rigid baffle
     #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true)]
     at: Option<String>,
     /// WAV file, 44,100 Hz and 16 bits
@@ -50,9 +50,10 @@ impl Execute for SoundArgs {
         if self.out.extension().is_none_or(|extension| !extension.eq_ignore_ascii_case("wav")) {
             return Err(Error::Usage(format!("--out {shown}: expected a name that ends in .wav")));
         }
-        let source = match &self.at {
-            Some(text) => Source::Point(point(text)?),
-            None => Source::Probe(self.probe.clone().unwrap_or_default()),
+        let source = match (&self.at, &self.probe) {
+            (Some(text), _) => Source::Point(point(text)?),
+            (None, Some(name)) => Source::Probe(name.clone()),
+            (None, None) => return Err(Error::Usage("expected --probe NAME, or --at X,Y,Z".into())),
         };
         let _cache = self.cache.open(self.voice.is_silent());
         let set_up = SetUpTold::new(self.voice);
@@ -68,7 +69,8 @@ impl Execute for SoundArgs {
 
 /// Parses the coordinates of a point in the air, in m.
 fn point(text: &str) -> Result<[f64; 3]> {
-    let numbers: Option<Vec<f64>> = text.split(',').map(|number| number.trim().parse().ok()).collect();
+    let bare = text.trim().trim_start_matches('[').trim_end_matches(']');
+    let numbers: Option<Vec<f64>> = bare.split(',').map(|number| number.trim().parse().ok()).collect();
     let point: Option<[f64; 3]> = numbers.and_then(|numbers| numbers.try_into().ok());
     match point {
         Some(point) if point.iter().all(|x| x.is_finite()) && point[2] != 0.0 => Ok(point),

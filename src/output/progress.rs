@@ -208,8 +208,9 @@ fn words(state: &State, done: f64, pace: f64, elapsed: Duration) -> String {
     } else {
         format!("energy {}", engineering(state.energy, "J"))
     };
+    let touch = if state.contact_nodes == 1 { "node touches" } else { "nodes touch" };
     format!(
-        "{:3.0} %, t = {}, {} steps/s, {} left, {} nodes touch, {energy}",
+        "{:3.0} %, t = {}, {} steps/s, {} left, {} {touch}, {energy}",
         100.0 * done,
         engineering(state.time, "s"),
         grouped(pace as u64),

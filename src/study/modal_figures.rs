@@ -184,8 +184,9 @@ impl ModalFigures {
             report.text(
                 "  in contact",
                 format!(
-                    "{} dofs touch, the fastest motion has {}",
+                    "{} {}, the fastest motion has {}",
                     self.touching,
+                    if self.touching == 1 { "dof touches" } else { "dofs touch" },
                     engineering(*fastest, "Hz")
                 ),
             );

@@ -127,7 +127,7 @@ fn a_piston_sounds_as_the_closed_form_says() {
     let level = 20.0 * (rms / 20e-6).log10();
     assert!((answer["level"].as_f64().unwrap() - level).abs() < 1e-9);
 
-    let (below, _) = sound(&folder, &["--at", "0.07,0.06,-0.2"]);
+    let (below, _) = sound(&folder, &["--at", "[0.07, 0.06, -0.2]"]);
     let differ = |(a, b): (&f64, &f64)| (a + b).abs() > 1e-3 * peak;
     assert!(!samples.iter().zip(&below).any(differ), "the other side hears the opposite");
 }
@@ -152,6 +152,7 @@ fn what_makes_no_sound_is_refused_in_one_line() {
     );
     fails(&["runs/fall", "--probe", "middle", "--out", "a.wav", "--slow", "1e6"], 2, &["--slow", "600 s"]);
     fails(&["runs", "--probe", "middle", "--out", "a.wav"], 4, &["runs/summary.json", "no run"]);
+    fails(&["runs/fall", "--out", "a.wav"], 2, &["--probe NAME", "--at X,Y,Z"]);
     for (point, words) in [
         ("1,2", ["1,2", "x,y,z"]),
         ("0.1,0.05,0", ["0.1,0.05,0", "z other than 0"]),
