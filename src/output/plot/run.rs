@@ -298,7 +298,7 @@ fn energies(table: &Table) -> [Curve; 3] {
     let curve = |name| Curve::of(name, column(table, "time"), column(table, name));
     let whole = match start(table) {
         Some(_) => curve("energy"),
-        None => Curve::of("both", column(table, "time"), &table.stored()),
+        None => Curve::of("kinetic + elastic", column(table, "time"), &table.stored()),
     };
     [whole.color(Color::BLACK).width(1.5), curve("elastic").palette(0), curve("kinetic").palette(4).dashes(1)]
 }
