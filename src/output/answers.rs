@@ -151,9 +151,9 @@ fn energy(summary: &Value) -> Option<String> {
     let parts =
         [energy["stored"][0].as_f64()?, number("put_in")?, number("lost")?, energy["stored"][1].as_f64()?];
     let largest = parts.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
-    let [from, put_in, lost, to] =
-        parts.map(|part| engineering(if part.abs() > EQUAL * largest { part } else { 0.0 }, "J"));
-    let shares = shares(number("lost")?, summary);
+    let parts = parts.map(|part| if part.abs() > EQUAL * largest { part } else { 0.0 });
+    let shares = if parts[2] == 0.0 { String::new() } else { shares(parts[2], summary) };
+    let [from, put_in, lost, to] = parts.map(|part| engineering(part, "J"));
     Some(format!("{from} at the start, {put_in} put in, {lost} lost{shares}, {to} at the end"))
 }
 

@@ -2,7 +2,7 @@
 
 use super::contacts::ContactTotal;
 use super::effects::{Attribution, Wrench};
-use super::outcome::first_impact;
+use super::outcome::{JOINED, first_impact};
 use super::{
     DeflectionDof, HardestImpact, Impact, Model, NamedForce, NodeReaction, ObstacleForce, SupportForce,
 };
@@ -23,7 +23,7 @@ struct ObstacleRecord {
     force: f64,
     /// Impulse since the last row, in N s.
     impulse: f64,
-    /// Last instant of the contact that is open, in s, and its impact.
+    /// Last instant of contact, in s, and the impact of that contact.
     last: Option<f64>,
     impact: Option<HardestImpact>,
     /// Number of touching nodes between events, and the time of the first touch, in s.
@@ -43,9 +43,15 @@ impl ObstacleRecord {
         }
     }
 
+    /// Returns whether contact at an instant (s) begins another one, with steps of a length (s).
+    fn is_apart(&self, time: f64, step: f64) -> bool {
+        self.last.is_none_or(|last| time - last > JOINED * step)
+    }
+
     /// Begins a contact with an impact.
     fn begin(&mut self, impact: Option<Impact>, scheme: &dyn Solution) -> Result<()> {
         self.total.impacts += 1;
+        self.impact = None;
         let Some(Impact { time, at, velocity: approach_velocity, .. }) = impact else { return Ok(()) };
         let kinetic_energy = scheme.energies()?.kinetic;
         self.impact = Some(HardestImpact { time, at, approach_velocity, kinetic_energy, impulse: 0.0 });
@@ -64,8 +70,8 @@ impl ObstacleRecord {
     }
 
     /// Records the closing or opening of the gap at a node, for an event-driven scheme.
-    fn event(&mut self, closes: bool, impact: Impact, scheme: &dyn Solution) -> Result<()> {
-        if self.last.is_none() {
+    fn event(&mut self, closes: bool, impact: Impact, step: f64, scheme: &dyn Solution) -> Result<()> {
+        if self.is_apart(impact.time, step) {
             self.begin(Some(impact), scheme)?;
         }
         self.last = Some(impact.time);
@@ -248,11 +254,11 @@ impl ForceRecorder {
                 if attribution.obstacle(event.bound, towards(event)) == Some(obstacle) {
                     let DeflectionDof { node, at, .. } = model.sites[event.bound];
                     let impact = Impact { time: event.time, node, at, velocity: event.velocity };
-                    record.event(event.closes, impact, scheme)?;
+                    record.event(event.closes, impact, step, scheme)?;
                 }
             }
             if nodes > 0.0 {
-                if record.last.is_none() {
+                if record.is_apart(time, step) {
                     let is_chosen = |bound: usize| {
                         attribution.obstacle(bound, scheme.reaction()[bound]) == Some(obstacle)
                     };
@@ -266,9 +272,6 @@ impl ForceRecorder {
                 }
             }
             record.follow(impulse);
-            if record.last.is_some_and(|last| last < time - 1.5 * step) {
-                (record.last, record.impact) = (None, None);
-            }
         }
         Ok(())
     }

@@ -286,11 +286,14 @@ impl Outcome {
     }
 }
 
+/// Number of steps between contacts that are one: a release for a single step ends none.
+pub(super) const JOINED: f64 = 2.5;
+
 /// Adds an instant of contact (s) to the intervals of a run with steps of a length (s), see
 /// [`Outcome::contacts`].
 pub(crate) fn add_contact(contacts: &mut Vec<[f64; 2]>, step: f64, time: f64) {
     match contacts.last_mut() {
-        Some([_, last]) if time - *last <= 2.5 * step => *last = time,
+        Some([_, last]) if time - *last <= JOINED * step => *last = time,
         _ => contacts.push([time, time]),
     }
 }
