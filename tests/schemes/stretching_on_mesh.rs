@@ -8,6 +8,7 @@ use crate::common::scenes::{
 use rebond::archive::Archive;
 use rebond::linalg::Engine;
 use rebond::scheme::Scheme;
+use rebond::study;
 use serde_json::Value;
 use std::f64::consts::TAU;
 
@@ -146,6 +147,34 @@ fn the_invariant_of_newmark_never_rises() {
     }
     // With the singular mass less is lost as the step falls.
     assert!(energies.is_sorted() && energies[2] >= 0.9, "{energies:?}");
+}
+
+/// Under a load that begins at once the variable of the energy follows it with second order with
+/// the consistent mass. With the singular one massless deflections go up and down from step to
+/// step, at any step, which a run says.
+#[test]
+fn sudden_loads_need_massless_deflections_in_equilibrium() {
+    let run = |scheme: &str, mass: &str, step: f64| {
+        let text = format!(
+            "{SQUARE}{}{}in_plane.stretching = true\nload.force = [{{ at = [0.3, 0.45], value = 3 }}]\n\
+             time = {{ scheme = \"{scheme}\", mass = \"{mass}\", step = {step:?}, end = 0.1 }}\n\
+             output.probes = [{{ name = \"centre\", at = [0.5, 0.5] }}]\n",
+            all_round("simply_supported"),
+            grid("fvs", 6, 6)
+        );
+        let outcome = run_to_end(&text).1;
+        let warning = study::warning_of_run(&scene(&text), &outcome, &[]).unwrap_or_default();
+        (outcome.stretching_gap.unwrap(), warning)
+    };
+    let [coarse, fine] = [4e-4, 1e-4].map(|step| run("newmark", "consistent", step).0);
+    assert!(coarse < 2e-4 && (14.0..18.0).contains(&(coarse / fine)), "{coarse} {fine}");
+    for scheme in ["newmark", "midpoint"] {
+        let (gap, warning) = run(scheme, "singular", 1e-4);
+        assert!(
+            gap > 1e-2 && warning.contains("start from initial.equilibrium"),
+            "{scheme} {gap}: {warning}"
+        );
+    }
 }
 
 /// The strip through its impacts, released from 4.8 thicknesses and thrown to 18 of them, at steps
