@@ -1,7 +1,7 @@
 //! Solver of a problem in two fields over all ranks: the displacement in the plane.
 //!
-//! Each rank numbers the dofs of the first field that it owns, then those of the second, as PETSc
-//! does in a matrix of blocks.
+//! Each rank numbers its dofs of the first field, then its dofs of the second one, as PETSc does in
+//! a matrix of blocks.
 
 use super::assembled::assembled;
 use super::exchange::DofExchange;

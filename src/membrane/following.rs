@@ -57,7 +57,7 @@ impl FollowingMembrane {
 
     /// Adds the gradient of the energy V of stretching, for deflections and slopes at the nodes of
     /// this process, to `gradient`, three entries per node: in N for deflections. Returns V, in J.
-    /// Of both they are the part of this process's cells. Collective.
+    /// Both are sums over the cells of this process. Collective.
     ///
     /// # Errors
     /// Returns the errors of the factor.

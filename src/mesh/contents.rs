@@ -30,7 +30,7 @@ impl Default for Import {
     }
 }
 
-/// Bit that makes the number of a curve of the drawing, which is in no group, that of a group.
+/// Bit in the number of a group that stands for a curve of the drawing, which is in no group.
 pub const ELEMENTARY: u64 = 1 << 63;
 
 /// Numbers of groups of one dimension.

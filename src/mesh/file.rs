@@ -25,7 +25,7 @@ fn ends_in(file_name: &str, ending: &str) -> bool {
 }
 
 impl Mesh {
-    /// Returns whether a file name is that of a mesh.
+    /// Returns whether a file is a mesh by its name.
     pub fn is_named(file_name: &str) -> bool {
         format_of(file_name).is_some() || ends_in(file_name, "msh")
     }

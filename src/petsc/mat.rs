@@ -264,8 +264,8 @@ impl Matrix {
         self.product(get!(MatPtAP(self.raw, p.raw, NEW, FILL))?)
     }
 
-    /// Creates the matrix of two blocks on the diagonal. Each rank owns the rows and columns of the
-    /// first block that it owns there, then those of the second. Collective.
+    /// Creates the matrix of two blocks on the diagonal. Each rank owns its rows and columns of the
+    /// first block, then its rows and columns of the second one. Collective.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.

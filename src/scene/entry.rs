@@ -413,7 +413,7 @@ macro_rules! table {
                 pub $field: $type,)+)+
         }
 
-        #[allow(unused_parens, clippy::clone_on_copy)]
+        #[allow(unused_parens)]
         impl crate::scene::entry::Table for $name {
             fn keys() -> &'static crate::scene::entry::Keys {
                 static KEYS: std::sync::LazyLock<crate::scene::entry::Keys> = std::sync::LazyLock::new(|| {

@@ -26,10 +26,10 @@
 //!
 //! The moments do the work `$m \cdot (s + b/a)$` in a step: the obstacle's motion puts in
 //! `$m \cdot b/a$`, and `$-m \cdot s$` becomes heat. For the midpoint rule both are exact, and the heat
-//! is never negative while the slopes go straight on. In Newmark's scheme the moment of an instant
-//! works along `$\tfrac12 (U^{n+1} - U^{n-1})$`. The heat of a step is the mean of its two instants,
-//! which balances the energy to rounding, too, and may be negative by a little where a node turns
-//! round.
+//! is never negative while the slopes go straight on. In Newmark's scheme each instant has a heat:
+//! the moment there works along `$\tfrac12 (U^{n+1} - U^{n-1})$`. A step takes the mean of the heat
+//! of its two instants. The energy balances to rounding, too, but this mean may be negative by a
+//! little where a node turns round.
 
 mod compliances;
 

@@ -287,7 +287,7 @@ impl Outcome {
 }
 
 /// Number of steps between contacts that are one: a release for a single step ends none.
-pub(super) const JOINED: f64 = 2.5;
+pub(crate) const JOINED: f64 = 2.5;
 
 /// Adds an instant of contact (s) to the intervals of a run with steps of a length (s), see
 /// [`Outcome::contacts`].

@@ -6,6 +6,7 @@ use crate::geometry::range;
 use crate::output::answers::force_of;
 use crate::output::contacts::Contact;
 use crate::output::history::Table;
+use crate::simulation::JOINED;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
@@ -14,8 +15,6 @@ type Impulses = Vec<[f64; 2]>;
 
 /// Largest number of stops with panels of their own.
 const MOST_STOPS: usize = 12;
-/// Number of steps between contacts of a stop; a release for a single step ends none.
-const APART: f64 = 2.5;
 /// Part of the run below which a panel shows the time of the contacts alone.
 const BRIEF: f64 = 0.1;
 
@@ -102,9 +101,11 @@ impl TouchedStop<'_> {
         contacts.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).map(|contact| contact.node)
     }
 
-    /// Returns the contacts of the stop, with their intervals (s) and impulses (N s), those of its
-    /// nodes taken together: its one node, or all that are not `nodes` of other stops. `None` if
-    /// these do not have its impulse, since others touch there too.
+    /// Returns the contacts of the stop, with their intervals (s) and impulses (N s).
+    ///
+    /// A stop has one node, or all nodes that are not `nodes` of other stops; contacts of several
+    /// nodes at once are one. `None` where these do not have the stop's impulse, since others touch
+    /// there too.
     fn contacts(
         &self,
         contacts: &[Contact],
@@ -121,7 +122,7 @@ impl TouchedStop<'_> {
         let together = |contact: &Contact| Contact { node: node.unwrap_or_default(), ..*contact };
         let mut rows: Vec<Contact> = contacts.iter().filter(is_of).map(together).collect();
         rows.sort_by(|a, b| a.begin.total_cmp(&b.begin));
-        let rows = joined(&rows, APART * step.as_f64()?);
+        let rows = joined(&rows, JOINED * step.as_f64()?);
         let sum = rows.iter().map(|(.., impulse)| impulse.abs()).sum::<f64>();
         let told = self.told["impulse"].as_f64()?.abs();
         ((sum - told).abs() <= 1e-6 * told).then_some(rows)

@@ -200,9 +200,9 @@ fn views(
                 let color = depth(share(mean));
                 paper.polygon(&corners, color, Some(Pen::solid(color.towards(Color::BLACK, 0.18), 0.15)));
             }
-            let lines = surface.cells.iter().filter_map(|face| nodal_line(&surface, face));
-            for line in lines.filter(|_| by == ColorBy::Mode) {
-                paper.polyline(&line.map(drawn), NODAL);
+            if by == ColorBy::Mode {
+                let lines = surface.cells.iter().filter_map(|face| nodal_line(&surface, face));
+                lines.for_each(|line| paper.polyline(&line.map(drawn), NODAL));
             }
             for [x, y] in &bolts {
                 let distance = |point: &[f64; 2]| (point[0] - x).hypot(point[1] - y);
