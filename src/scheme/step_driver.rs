@@ -19,10 +19,13 @@ use super::{StepBalance, StepRecord, System};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::vectors::{dot_of_sum, largest, waxpy};
+use crate::linalg::vectors::{dot_of_sum, largest, waxpby, waxpy};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport, StiffnessProduct};
+
+/// Largest part of the line between two answers by which it is extended to a third.
+const EXTENSION: f64 = 1e-2;
 
 /// Formulas of a scheme for the step from `$U^n$`.
 pub(super) trait Formulas<E: Engine> {
@@ -280,11 +283,15 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         };
         let mut search = self.root_search;
         let (mut iterations, base) = (0, std::mem::take(&mut self.b));
+        let mut answers = Vec::new();
         self.b = base.clone();
         let missing = search.run(scale, |share| {
             waxpy(-weight * share, gradient, &base, &mut self.b);
-            self.solve_within_bounds(length)?;
-            iterations += self.report.iterations;
+            if !self.continue_line(share, &answers, length)? {
+                self.solve_within_bounds(length)?;
+                iterations += self.report.iterations;
+            }
+            answers.push((share, self.x.clone(), self.reaction.clone()));
             Ok(engine.dot(gradient, &self.x)? - share)
         })?;
         // The force that the root misses counts like any other, beside the one of stretching.
@@ -299,10 +306,34 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         Ok(())
     }
 
+    /// Sets the answer for a share of stretching to the one on the line through the last two of
+    /// `answers`, each with its share, on which answers lie while the same bounds are active.
+    /// Returns whether it solves the step as well as the last one. `length` is the scale of
+    /// deflections, in m. Collective.
+    fn continue_line(
+        &mut self,
+        share: f64,
+        answers: &[(f64, Vec<f64>, Vec<f64>)],
+        length: f64,
+    ) -> Result<bool> {
+        let [.., (first, x, r), (last, next_x, next_r)] = answers else { return Ok(false) };
+        let ratio = (share - last) / (last - first);
+        if ratio.abs() > EXTENSION || self.friction.is_some() {
+            return Ok(false);
+        }
+        waxpby(-ratio, x, 1.0 + ratio, next_x, &mut self.x);
+        waxpby(-ratio, r, 1.0 + ratio, next_r, &mut self.reaction);
+        let before = self.report;
+        self.answer_with_moments(length, true)?;
+        let is_as_good = self.report.kkt <= 2.0 * before.kkt;
+        self.report = StepReport { kkt: self.report.kkt, ..before };
+        Ok(is_as_good)
+    }
+
     /// Solves a step within the bounds on x that are set, with the friction of obstacles; `length`
     /// is the scale of deflections, in m.
     fn solve_within_bounds(&mut self, length: f64) -> Result<()> {
-        let Some(mut friction) = self.friction.take() else { return self.solve_with_moments(length) };
+        let Some(mut friction) = self.friction.take() else { return self.answer_with_moments(length, false) };
         let solved = self.solve_with_friction(&mut friction, length);
         self.friction = Some(friction);
         solved
@@ -316,7 +347,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let solved = loop {
             self.b.copy_from_slice(&base);
             friction.add_moments(&mut self.b);
-            if let Err(error) = self.solve_with_moments(length) {
+            if let Err(error) = self.answer_with_moments(length, false) {
                 break Err(error);
             }
             report = StepReport { kkt: self.report.kkt, ..report.and(self.report) };
@@ -333,15 +364,21 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     }
 
     /// Solves a step within the bounds on x that are set, whose right-hand side has the moments of
-    /// friction.
-    fn solve_with_moments(&mut self, length: f64) -> Result<()> {
+    /// friction, or measures the present answer.
+    fn answer_with_moments(&mut self, length: f64, is_given: bool) -> Result<()> {
         let System { engine, stiffness, .. } = self.system;
         let problem = Problem { matrix: &self.matrix, rhs: &self.b, bounds: &self.bounds, length };
         let mut answer = Answer { x: &mut self.x, reaction: &mut self.reaction };
         let more = self.feedback.as_ref().and_then(Feedback::term);
         let mut product = StiffnessProduct { stiffness, product: &mut self.product, is_known: false };
-        self.report =
-            self.solver.solve_step(engine, &problem, more.as_slice(), &mut answer, Some(&mut product))?;
+        let (more, solver) = (more.as_slice(), &mut self.solver);
+        self.report = match is_given {
+            false => solver.solve_step(engine, &problem, more, &mut answer, Some(&mut product))?,
+            true => StepReport {
+                kkt: solver.measure(engine, &problem, more, &answer, Some(&mut product))?,
+                ..StepReport::default()
+            },
+        };
         self.has_product = product.is_known && self.solver.has_accurate_products();
         Ok(())
     }

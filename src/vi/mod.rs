@@ -364,7 +364,10 @@ impl<E: Engine> CheckedSolver<E> {
     }
 
     /// Returns the KKT residual of an answer, or an upper limit where that is clear enough.
-    fn measure(
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn measure(
         &mut self,
         engine: &E,
         problem: &Problem,
