@@ -20,9 +20,10 @@ const MESHES: [&str; 2] = ["[10, 4]", "[40, 16]"];
 /// Meshes on which the stresses are measured.
 const STRESSED: [&str; 3] = ["[10, 4]", "[20, 8]", "[64, 64]"];
 
-/// Meshes on which a plate stretches, and the relative time that a step may then take.
+/// Meshes on which a plate stretches, and the relative time that a step may then take with each
+/// mass. With the singular one two more solves tell what the means over cells feel.
 const STRETCHED: [&str; 2] = ["[10, 4]", "[80, 32]"];
-const STRETCHING: f64 = 15.0;
+const STRETCHING: [(&str, f64); 2] = [("consistent", 12.0), ("singular", 18.0)];
 
 /// Number of watches of the stresses per turn.
 const STEPS: u32 = 16;
@@ -124,13 +125,13 @@ fn print_stress_costs(watch: Duration) {
 }
 
 /// Prints the time of a step of a strip whose mid-plane stretches, without contact at some
-/// thicknesses, in units of the same step without; returns the largest.
+/// thicknesses, in units of the same step without; returns the largest, relative to its limit.
 fn print_stretching_cost(watch: Duration) -> f64 {
     println!("\n{:<30}{:>14}{:>14}   (time of a step, in units of one without)", "", "bare", "stretching");
-    let cost = |cells: &str| {
+    let cost = |(mass, limit): (&str, f64), cells: &str| {
         let held = "support = [{ edge = \"left\", kind = \"clamped\" }, \
                     { edge = \"right\", kind = \"clamped\" }]\nload.pressure = -2e5";
-        let text = scene_text("fvs", cells, held);
+        let text = scene_text("fvs", cells, held).replace("\"singular\"", &format!("\"{mass}\""));
         let scenes = [text.clone(), format!("{text}in_plane.stretching = true")].map(|text| parsed(&text));
         let models = scenes.each_ref().map(|scene| Model::new(scene).expect("a sound model"));
         let steps = models.iter().zip(&scenes).map(|(model, scene)| {
@@ -140,10 +141,11 @@ fn print_stretching_cost(watch: Duration) -> f64 {
         let mut times = Times::default();
         times.measure(&mut steps.collect::<Vec<_>>(), watch);
         let (bare, ratio) = (1e6 * times.quartiles(0)[1], times.ratio(1, 0));
-        println!("{:<30}{bare:>11.2} us{ratio:>14.2}", format!("fvs {cells}"));
-        ratio
+        println!("{:<30}{bare:>11.2} us{ratio:>14.2}", format!("fvs {cells} {mass}"));
+        ratio / limit
     };
-    STRETCHED.map(cost).into_iter().fold(0.0, f64::max)
+    let pairs = STRETCHING.into_iter().flat_map(|row| STRETCHED.map(|cells| cost(row, cells)));
+    pairs.fold(0.0, f64::max)
 }
 
 /// Returns the times of a step with each effect on a mesh.
@@ -188,6 +190,6 @@ fn main() {
         println!("the machine is too busy to judge: the same scene twice differs by {:.1} %", 100.0 * noise);
     } else {
         assert!(is_report || most < NOTHING, "absent effects cost {most}");
-        assert!(is_report || stretching < STRETCHING, "stretching takes {stretching} times as long");
+        assert!(is_report || stretching < 1.0, "stretching takes {stretching} times as long as it may");
     }
 }

@@ -108,7 +108,8 @@ impl StepBalance {
         time: f64,
         u: &[f64],
     ) {
-        if system.drive.membrane.is_some() || system.drive.following.is_some() {
+        let stretches = system.drive.membrane.is_some() && stretching != 0.0;
+        if stretches || system.drive.following.is_some() && load != 0.0 {
             self.followed.push(ForcesOfDeflection { time, displacement: u.to_vec(), stretching, load });
         }
     }

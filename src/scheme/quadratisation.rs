@@ -13,13 +13,29 @@
 //!
 //! `$\psi$` is a variable of its own, whose distance from `$\sqrt{2 V}$` tells how far the motion
 //! is from the one of the true energy.
+//!
+//! # Singular mass
+//!
+//! V is taken at the displacement that the means over cells have without obstacles: the massless
+//! rest only bends, and g acts on the means alone. If the rest stretched too, its deflections a
+//! about their equilibrium would obey `$K a^{n+1} + K a^{n-1} = -2 K_G a^n$` with the stiffness
+//! `$K_G$` of the forces in the plane, at every step: they would never die, and grow where `$K_G$`
+//! exceeds K. With the penalty s of [`super::massless::penalty`] and `$S = K + s M$`,
+//!
+//! ```math
+//! \bar U = U + S^{-1} (F - K U), \qquad \psi\, g = V'(\bar U) + K h, \qquad h = -S^{-1} V'(\bar U),
+//! ```
+//!
+//! which is the gradient of `$V(\bar U(U))$`. The means of `$\bar U$` miss those of U by the share
+//! `$\omega^2 / (\omega^2 + s)$` of each vibration of angular frequency `$\omega$`, at most 1e-3.
 
-use super::System;
 use super::drive::StretchingEnergy;
+use super::massless::penalty::PenalisedStiffness;
+use super::{StepBalance, System};
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::linalg::vectors::{axpy, scale};
+use crate::linalg::vectors::{add, axpy, scale, subtract};
 
 /// Largest number of solves for the root of a step.
 const SOLVES: u32 = 60;
@@ -36,10 +52,32 @@ pub(super) struct RankOne<'q> {
     pub scale: f64,
 }
 
+/// Displacements of the singular mass.
+struct EnergyOfMeans<'s> {
+    stiffness: PenalisedStiffness<'s>,
+    /// Displacement `$\bar U$` where the gradient was taken, in m, one entry per dof.
+    u: Vec<f64>,
+    /// Response h of the massless rest to the force of stretching, in m, one entry per dof.
+    response: Vec<f64>,
+}
+
+impl EnergyOfMeans<'_> {
+    /// Moves a displacement U (m) to `$\bar U$`. Collective.
+    fn relax<E: Engine>(&mut self, system: &System<E>, u: &mut [f64]) -> Result<()> {
+        let mut change = vec![0.0; u.len()];
+        system.force(u, &mut change)?;
+        self.stiffness.solve(&system.bounds, &mut change)?;
+        add(&change, u);
+        Ok(())
+    }
+}
+
 /// Quadratised energy of stretching.
 pub(super) struct Quadratisation<'s, E: Engine> {
-    engine: &'s E,
+    system: &'s System<E>,
     energy: &'s dyn StretchingEnergy,
+    /// `None` with a regular mass.
+    means: Option<EnergyOfMeans<'s>>,
     /// Gradient g, in N/J^1/2, one entry per dof.
     pub gradient: Vec<f64>,
     /// Variable `$\psi$`, in J^1/2.
@@ -61,9 +99,14 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
     /// Returns the errors of the energy.
     pub fn new(system: &'s System<E>, u: &[f64]) -> Result<Option<Quadratisation<'s, E>>> {
         let Some(energy) = &system.drive.membrane else { return Ok(None) };
+        let means = || {
+            let [displacement, response] = [(); 2].map(|()| vec![0.0; u.len()]);
+            Ok(EnergyOfMeans { stiffness: PenalisedStiffness::new(system)?, u: displacement, response })
+        };
         let mut quadratisation = Quadratisation {
-            engine: &system.engine,
+            system,
             energy: energy.as_ref(),
+            means: system.mass.is_singular().then(means).transpose()?,
             gradient: vec![0.0; u.len()],
             root: 0.0,
             applied: 0.0,
@@ -81,10 +124,34 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
     /// # Errors
     /// Returns the errors of the energy.
     pub fn linearise(&mut self, u: &[f64]) -> Result<()> {
-        self.stored = self.energy.evaluate(u, &mut self.gradient)?;
+        let Quadratisation { system, energy, means, gradient, stored, .. } = self;
+        match means {
+            None => *stored = energy.evaluate(u, gradient)?,
+            Some(means) => {
+                let mut place = u.to_vec();
+                means.relax(system, &mut place)?;
+                let (mut force, mut response) = (vec![0.0; u.len()], vec![0.0; u.len()]);
+                *stored = energy.evaluate(&place, &mut force)?;
+                subtract(&force, &mut response);
+                means.stiffness.solve(&system.bounds, &mut response)?;
+                system.engine.multiply(&system.stiffness, &response, gradient)?;
+                add(&force, gradient);
+                (means.u, means.response) = (place, response);
+            }
+        }
         let root = (2.0 * self.stored).sqrt();
         scale(if root > 0.0 { root.recip() } else { 0.0 }, &mut self.gradient);
         Ok(())
+    }
+
+    /// Returns the energy V of a displacement (m), in J. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the energy.
+    pub fn energy(&mut self, u: &[f64]) -> Result<f64> {
+        let mut place = u.to_vec();
+        self.means.as_mut().map_or(Ok(()), |means| means.relax(self.system, &mut place))?;
+        self.energy.evaluate(&place, &mut vec![0.0; u.len()])
     }
 
     /// Returns `$g \cdot x$`, in J^1/2. Collective.
@@ -92,7 +159,7 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
     /// # Errors
     /// Returns the errors of the engine.
     pub fn along(&self, x: &[f64]) -> Result<f64> {
-        self.engine.dot(&self.gradient, x)
+        self.system.engine.dot(&self.gradient, x)
     }
 
     /// Returns the term of a step matrix with a weight.
@@ -105,9 +172,17 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
         axpy(-root, &self.gradient, b);
     }
 
-    /// Returns the factor of V' in the force of the last step.
-    pub fn factor(&self) -> f64 {
-        if self.stored > 0.0 { self.applied / (2.0 * self.stored).sqrt() } else { 0.0 }
+    /// Adds the force of the last step, at an instant (s) and the displacement (m) of
+    /// [`Self::linearise`], to a balance.
+    pub fn add_to(&self, balance: &mut StepBalance, time: f64, u: &[f64]) {
+        let factor = if self.stored > 0.0 { self.applied / (2.0 * self.stored).sqrt() } else { 0.0 };
+        let mut place = u;
+        if let Some(means) = &self.means {
+            place = &means.u;
+            // K times the response is what the means do not feel of the force.
+            axpy(factor, &means.response, &mut balance.displacement);
+        }
+        balance.follow(self.system, [factor, 0.0], time, place);
     }
 
     /// Compares `$\psi$` with the true energy, in J, of the same instant.
@@ -129,6 +204,10 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
     /// Returns [`crate::Error::Checkpoint`] where the archive does not fit.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.vector(VectorKind::Dofs, &mut self.gradient)?;
+        if let Some(EnergyOfMeans { u, response, .. }) = &mut self.means {
+            archive.vector(VectorKind::Dofs, u)?;
+            archive.vector(VectorKind::Dofs, response)?;
+        }
         for value in
             [&mut self.root, &mut self.applied, &mut self.stored, &mut self.largest, &mut self.distance]
         {

@@ -37,7 +37,8 @@ pub(super) struct State {
 }
 
 impl State {
-    /// Builds the initial state from a displacement (m) and its rate (m/s).
+    /// Builds the initial state from a displacement (m) and its rate (m/s), without the energy of
+    /// stretching.
     pub fn new<E: Engine>(system: &System<E>, u: Vec<f64>, rate: &[f64]) -> Result<State> {
         let System { engine, mass, bounds, .. } = system;
         let mut v = vec![0.0; engine.velocities(mass)];
@@ -54,17 +55,8 @@ impl State {
             followed: 0.0,
             energies: Energies::default(),
         };
-        state.stretch(system)?;
         state.update_energies(system)?;
         Ok(state)
-    }
-
-    /// Sets the energy of stretching to its value at U.
-    pub fn stretch<E: Engine>(&mut self, system: &System<E>) -> Result<()> {
-        if let Some(membrane) = &system.drive.membrane {
-            self.stretching = membrane.evaluate(&self.u, &mut vec![0.0; self.u.len()])?;
-        }
-        Ok(())
     }
 
     /// Saves the state to an archive or restores it from there.

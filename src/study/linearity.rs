@@ -20,7 +20,7 @@ use crate::error::Result;
 use crate::linalg::Engine;
 use crate::mesh::{Mesh, Point};
 use crate::output::text::{engineering, short, significant};
-use crate::scene::{Mass, Scene};
+use crate::scene::Scene;
 use crate::simulation::{self, Model, Outcome};
 
 /// Deflection over thickness above which stretching counts.
@@ -74,11 +74,8 @@ pub(super) fn warning(scene: &Scene, model: &Model) -> Option<String> {
 /// A plate that stretches is warned of where the variable of its energy has left the energy.
 pub fn of_run(scene: &Scene, outcome: &Outcome, warnings: &[String]) -> Option<String> {
     if let Some(gap) = outcome.stretching_gap.filter(|gap| *gap > MAX_GAP) {
-        // Massless deflections that begin out of equilibrium go up and down from step to step.
-        let is_singular = scene.time.mass == Mass::Singular;
-        let sudden = if is_singular { "start from initial.equilibrium, " } else { "" };
         return Some(format!(
-            "the variable by which the scheme knows the energy of stretching is {} % off its root: {sudden}take a smaller \
+            "the variable by which the scheme knows the energy of stretching is {} % off its root: take a smaller \
              time.step, or time.scheme = \"conserving\", which has no such variable",
             significant(100.0 * gap)
         ));

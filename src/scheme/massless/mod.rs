@@ -6,6 +6,7 @@
 
 pub mod contact_compliance;
 pub(crate) mod modal_saddle_point;
+pub(super) mod penalty;
 pub mod potential;
 pub(super) mod saddle_point;
 pub(super) mod velocity_basis;

@@ -59,13 +59,13 @@
 
 mod rate;
 
+use super::penalty::PenalisedStiffness;
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
-use crate::linalg::vectors::{add, axpy, aypx, copy_scaled, divide, largest, scale, subtract, waxpy};
+use crate::linalg::vectors::{add, axpy, aypx, copy_scaled, largest, scale, subtract, waxpy};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
-use crate::random::golden_vector;
 use crate::scheme::coulomb::{CoulombFriction, Rounds};
 use crate::scheme::drive::InstantData;
 use crate::scheme::midpoint::MidpointRule;
@@ -74,20 +74,6 @@ use crate::scheme::{StepBalance, System};
 use crate::vi::kkt::KktCheck;
 use crate::vi::{Answer, BoundStatus, Condensed, Problem, Solver, StepReport};
 use std::rc::Rc;
-
-/// Penalty s relative to the square of the highest angular frequency: target and accepted range.
-const PENALTY: f64 = 1e4;
-const PENALTY_RANGE: std::ops::Range<f64> = 1e3..1e6;
-
-/// Largest number of attempts at a penalty, and power iterations of each; the order of magnitude
-/// suffices.
-const MAX_ATTEMPTS: usize = 8;
-const POWER_ITERATIONS: usize = 6;
-
-/// Ratio of a motion's strain to that of its parts below which it counts as rigid. On a few cells
-/// all motions with inertia may be rigid; no highest frequency exists then, and the first penalty
-/// is used. Cells n times as long as wide have ratios of n^-2; rounding is below 1e-12.
-const RIGID: f64 = 1e-10;
 
 /// Error of `$\lambda$`, relative to its size, before the last round without obstacles.
 const MULTIPLIER_TOLERANCE: f64 = 1e-8;
@@ -180,87 +166,33 @@ impl<'s, E: Engine> Potential<'s, E> {
         drive.supports.iter().map(|motion| image(&motion.momentum)).collect()
     }
 
-    /// Chooses the penalty and factors K + s M.
+    /// Factors K + s M.
     pub(in crate::scheme) fn factor(system: &'s System<E>) -> Result<Potential<'s, E>> {
-        let System { engine, stiffness, mass, bounds, .. } = system;
-        let (dofs, velocities) = (engine.dofs(), engine.velocities(mass));
-        let (mut b, mut x) = (vec![0.0; dofs], golden_vector(dofs));
-        let mut projected = vec![0.0; velocities];
-        // A nonsmooth displacement gives the first guess of the highest frequency; each factor then
-        // yields an estimate.
+        let System { engine, stiffness, mass, bounds, drive, .. } = system;
+        let PenalisedStiffness { penalty, sum, solver, factorisations } = PenalisedStiffness::new(system)?;
         let alone = LinearCombination::from(stiffness);
-        let diagonal = engine.diagonal(&alone)?;
-        for (x, d) in x.iter_mut().zip(&diagonal) {
-            *x = if *d > 0.0 { *x / d.sqrt() } else { 0.0 };
-        }
-        let elastic = engine.multiply(stiffness, &x, &mut b)?;
-        let first = PENALTY * elastic / engine.multiply(mass, &x, &mut b)?;
-        let (mut penalty, mut all_rigid) = (first, false);
-        let (mut sizes, mut factorisations) = (vec![0.0; dofs], 0);
-        for _ in 0..MAX_ATTEMPTS {
-            let sum = stiffness + mass * penalty;
-            let mut solver = Condensed::new(engine, &sum, bounds.len())?;
-            factorisations += 1;
-            // The operator T = s C^-1 B (K + s M)^-1 B^T has the eigenvalues s / (w^2 + s) on
-            // velocities that displacements can attain, and 0 on the others, such as a checkerboard
-            // on a uniform grid held all around. T (1 - T) excludes the latter.
-            let mut apply = |v: &[f64], image: &mut [f64]| -> Result<()> {
-                engine.project_transpose(mass, v, &mut b)?;
-                let problem = Problem { matrix: &sum, rhs: &b, bounds: &Bounds::default(), length: 0.0 };
-                solver.solve(engine, &problem, &mut Answer { x: &mut x, reaction: &mut [] })?;
-                engine.project(mass, &x, image)?;
-                scale(penalty, image);
-                Ok(())
-            };
-            let mut velocity = golden_vector(velocities);
-            let mut largest = 0.0;
-            for _ in 0..POWER_ITERATIONS {
-                let norm = engine.mass_norm_squared(mass, &velocity)?.sqrt();
-                if norm == 0.0 {
-                    break;
-                }
-                divide(norm, &mut velocity);
-                apply(&velocity, &mut projected)?;
-                subtract(&projected, &mut velocity);
-                apply(&velocity, &mut projected)?;
-                std::mem::swap(&mut velocity, &mut projected);
-                largest = engine.mass_norm_squared(mass, &velocity)?.sqrt();
-            }
-            // Rayleigh quotient of the displacement with this velocity.
-            engine.multiply_with_magnitude(&alone, &x, [&mut b, &mut sizes])?;
-            let elastic = engine.multiply(stiffness, &x, &mut b)?;
-            x.iter_mut().for_each(|x| *x = x.abs());
-            all_rigid |= elastic <= RIGID * RIGID * engine.dot(&x, &sizes)?;
-            let fastest = elastic * (penalty / largest).powi(2);
-            if all_rigid && penalty == first || PENALTY_RANGE.contains(&(penalty / fastest)) {
-                let friction = |given| CoulombFriction::new(given, engine, &sum, bounds, 1.0);
-                return Ok(Potential {
-                    system,
-                    friction: system.drive.friction.as_ref().map(friction).transpose()?,
-                    penalty,
-                    check: KktCheck::with_inertia(engine, &alone, &sum, 0.0)?,
-                    sum,
-                    solver,
-                    stiffness: alone,
-                    factorisations: factorisations - 1,
-                    bounds: bounds.clone(),
-                    b,
-                    x,
-                    projected,
-                    residual: vec![0.0; velocities],
-                    augmented: velocity,
-                    u: vec![0.0; dofs],
-                    multiplier: vec![0.0; velocities],
-                    reaction: vec![0.0; bounds.len()],
-                    from: Default::default(),
-                });
-            }
-            penalty = if all_rigid { first } else { PENALTY * fastest };
-            if !(penalty.is_finite() && penalty > 0.0) {
-                break;
-            }
-        }
-        Err(Error::Singular("the highest natural frequency cannot be estimated".into()))
+        let friction = |given| CoulombFriction::new(given, engine, &sum, bounds, 1.0);
+        let [dofs, velocities] = [engine.dofs(), engine.velocities(mass)].map(|length| vec![0.0; length]);
+        Ok(Potential {
+            system,
+            friction: drive.friction.as_ref().map(friction).transpose()?,
+            penalty,
+            check: KktCheck::with_inertia(engine, &alone, &sum, 0.0)?,
+            sum,
+            solver,
+            stiffness: alone,
+            factorisations,
+            bounds: bounds.clone(),
+            b: dofs.clone(),
+            x: dofs.clone(),
+            projected: velocities.clone(),
+            residual: velocities.clone(),
+            augmented: velocities.clone(),
+            u: dofs,
+            multiplier: velocities,
+            reaction: vec![0.0; bounds.len()],
+            from: Default::default(),
+        })
     }
 
     /// Moves a displacement to U(p) of its own `$p = C^{-1} B U$` at `time` (s) and sets the

@@ -88,9 +88,12 @@ impl<'s, E: Engine> MidpointRule<'s, E> {
         let mut balance = StepBalance::zero(system);
         let of_x = 1.0 + 2.0 * damping.stiffness / self.dt;
         waxpy(of_x, &self.driver.x, from, &mut balance.displacement);
-        let factor = self.stretching.as_ref().map_or(0.0, Quadratisation::factor);
         if !self.ahead.is_empty() {
-            balance.follow(system, [factor, 1.0], time + 0.5 * self.dt, &self.ahead);
+            let middle = time + 0.5 * self.dt;
+            self.stretching
+                .iter()
+                .for_each(|stretching| stretching.add_to(&mut balance, middle, &self.ahead));
+            balance.follow(system, [0.0, 1.0], middle, &self.ahead);
         }
         if !balance.rates.is_empty() {
             balance.rates = self.mean_rate();

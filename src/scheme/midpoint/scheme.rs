@@ -123,6 +123,10 @@ impl<'s, E: Engine> Midpoint<'s, E> {
         rule.driver.begin_sliding(&now.u, 2.0);
         rule.begin(&start.velocity, &now)?;
         rule.follow_deflection(&start.velocity, &now)?;
+        if let Some(stretching) = &rule.stretching {
+            now.stretching = stretching.stored;
+            now.update_energies(system)?;
+        }
         Ok(Midpoint {
             system,
             rule,
@@ -221,11 +225,11 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
             None => {
                 rule.update(now, 1.0, next);
                 rule.instants.reach(now, time, 1.0, &mut next.instant)?;
-                next.stretch(self.system)?;
-                next.update_energies(self.system)?;
                 if let Some(stretching) = &mut rule.stretching {
+                    next.stretching = stretching.energy(&next.u)?;
                     stretching.compare(stretching.root, next.stretching);
                 }
+                next.update_energies(self.system)?;
             }
             Some(potential) => {
                 let mut line = potential.line(now, rule, time)?;

@@ -218,8 +218,6 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         let System { engine, mass, damping, drive, .. } = system;
         let is_start = self.record.step == 0;
         let mut balance = StepBalance::zero(system);
-        let factor = stretching.as_ref().map_or(0.0, Quadratisation::factor);
-        balance.follow(system, [factor, 1.0], self.record.time(), u_n);
         let mut inertia = vec![0.0; u_n.len()];
         for (i, [d, e]) in self.increments().enumerate() {
             // The unknown and the damped rate of the first step are those of `start`.
@@ -228,6 +226,9 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
             inertia[i] = (e - d) / (dt * dt) + damping.mass * rate;
             balance.rates.get_mut(i).into_iter().for_each(|damped| *damped = rate);
         }
+        let time = self.record.time();
+        stretching.iter().for_each(|stretching| stretching.add_to(&mut balance, time, u_n));
+        balance.follow(system, [0.0, 1.0], time, u_n);
         engine.project(mass, &inertia, &mut balance.acceleration)?;
         self.driver.balance_friction(&mut balance);
         if let (Some(modal), Some(damped)) = (&drive.modal, &self.driver.damped) {

@@ -224,11 +224,11 @@ impl Reactions {
             }
         }
         for ForcesOfDeflection { time, displacement, stretching, load } in &balance.followed {
-            if let Some(at_nodes) = &self.stretching {
+            if let Some(at_nodes) = self.stretching.as_ref().filter(|_| *stretching != 0.0) {
                 let pull = at_nodes(displacement)?;
                 axpy(*stretching, &self.rows(|force| force.copy_from_slice(&pull)), &mut force);
             }
-            if let Some(at_nodes) = &self.following {
+            if let Some(at_nodes) = self.following.as_ref().filter(|_| *load != 0.0) {
                 let push = at_nodes(*time, displacement)?;
                 axpy(-load, &self.rows(|force| force.copy_from_slice(&push)), &mut force);
             }
