@@ -221,9 +221,9 @@ impl<'s, E: Engine> Quadratisation<'s, E> {
 #[derive(Debug, Clone, Copy, Default, serde::Serialize, serde::Deserialize)]
 pub(super) struct RootSearch {
     /// Root of the last step.
-    last: f64,
+    pub last: f64,
     /// Slope of `$s - g \cdot x(s)$` there, at least 1; 0 before the first step.
-    slope: f64,
+    pub slope: f64,
 }
 
 impl RootSearch {

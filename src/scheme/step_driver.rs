@@ -19,13 +19,11 @@ use super::{StepBalance, StepRecord, System};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
-use crate::linalg::vectors::{dot_of_sum, largest, waxpby, waxpy};
+use crate::linalg::vectors::{axpy, dot_of_sum, is_zero, largest, waxpy};
 use crate::linalg::{Engine, LinearCombination};
 use crate::obstacle::Bounds;
 use crate::vi::{Answer, CheckedSolver, Problem, Solver, StepReport, StiffnessProduct};
-
-/// Largest part of the line between two answers by which it is extended to a third.
-const EXTENSION: f64 = 1e-2;
+use faer::Mat;
 
 /// Formulas of a scheme for the step from `$U^n$`.
 pub(super) trait Formulas<E: Engine> {
@@ -278,22 +276,22 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             friction.begin_step(c, |dof| s * d[dof], |dof| u[dof]);
         }
         let length = limits.magnitude().max(limits.largest(formulas.displacement()));
-        let Some(RankOne { weight, gradient, scale }) = formulas.stretching() else {
+        let Some(term @ RankOne { weight, gradient, scale }) = formulas.stretching() else {
             return self.solve_within_bounds(length);
         };
-        let mut search = self.root_search;
-        let (mut iterations, base) = (0, std::mem::take(&mut self.b));
-        let mut answers = Vec::new();
-        self.b = base.clone();
-        let missing = search.run(scale, |share| {
-            waxpy(-weight * share, gradient, &base, &mut self.b);
-            if !self.continue_line(share, &answers, length)? {
+        let base = self.b.clone();
+        let (mut iterations, mut search) = (0, self.root_search);
+        let missing = if self.solve_untouched(&term, length)? {
+            search = self.root_search;
+            engine.dot(gradient, &self.x)? - search.last
+        } else {
+            search.run(scale, |share| {
+                waxpy(-weight * share, gradient, &base, &mut self.b);
                 self.solve_within_bounds(length)?;
                 iterations += self.report.iterations;
-            }
-            answers.push((share, self.x.clone(), self.reaction.clone()));
-            Ok(engine.dot(gradient, &self.x)? - share)
-        })?;
+                Ok(engine.dot(gradient, &self.x)? - share)
+            })?
+        };
         // The force that the root misses counts like any other, beside the one of stretching.
         let steepest = largest(gradient.iter().copied());
         let scale = largest(self.b.iter().copied()).max(scale.abs() * steepest);
@@ -306,28 +304,33 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         Ok(())
     }
 
-    /// Sets the answer for a share of stretching to the one on the line through the last two of
-    /// `answers`, each with its share, on which answers lie while the same bounds are active.
-    /// Returns whether it solves the step as well as the last one. `length` is the scale of
-    /// deflections, in m. Collective.
-    fn continue_line(
-        &mut self,
-        share: f64,
-        answers: &[(f64, Vec<f64>, Vec<f64>)],
-        length: f64,
-    ) -> Result<bool> {
-        let [.., (first, x, r), (last, next_x, next_r)] = answers else { return Ok(false) };
-        let ratio = (share - last) / (last - first);
-        if ratio.abs() > EXTENSION || self.friction.is_some() {
+    /// Solves a step that stretches for x and its share of the force of stretching at once, where
+    /// nothing touches, as nothing did in the step before. Returns whether this succeeded; `length`
+    /// is the scale of deflections, in m. Collective.
+    fn solve_untouched(&mut self, RankOne { weight, gradient, .. }: &RankOne, length: f64) -> Result<bool> {
+        let System { engine, .. } = self.system;
+        let touches = self.friction.is_some() || !is_zero(&self.reaction);
+        let last = self.root_search.last;
+        let mut columns = Mat::from_fn(self.b.len(), 2, |i, j| match j {
+            0 => self.b[i] - weight * last * gradient[i],
+            _ => gradient[i],
+        });
+        if engine.comm().all_reduce_any(touches) || !self.solver.solve_without_bounds(&mut columns)? {
             return Ok(false);
         }
-        waxpby(-ratio, x, 1.0 + ratio, next_x, &mut self.x);
-        waxpby(-ratio, r, 1.0 + ratio, next_r, &mut self.reaction);
-        let before = self.report;
+        let [x, y] = [0, 1].map(|j| columns.col_as_slice(j));
+        let slope = 1.0 + weight * engine.dot(gradient, y)?;
+        let change = (engine.dot(gradient, x)? - last) / slope;
+        waxpy(-weight * change, y, x, &mut self.x);
+        let Bounds { dofs, lower, upper, .. } = &self.bounds;
+        let is_inside = |(i, &dof): (usize, &usize)| (lower[i]..=upper[i]).contains(&self.x[dof]);
+        if !engine.comm().all_reduce_all(dofs.iter().enumerate().all(is_inside)) {
+            return Ok(false);
+        }
+        axpy(-weight * (last + change), gradient, &mut self.b);
         self.answer_with_moments(length, true)?;
-        let is_as_good = self.report.kkt <= 2.0 * before.kkt;
-        self.report = StepReport { kkt: self.report.kkt, ..before };
-        Ok(is_as_good)
+        self.root_search = RootSearch { last: last + change, slope };
+        Ok(self.report.kkt <= self.solver.tolerance())
     }
 
     /// Solves a step within the bounds on x that are set, with the friction of obstacles; `length`

@@ -22,6 +22,7 @@ use crate::error::{Error, Result};
 use crate::linalg::vectors::{clear, is_zero};
 use crate::linalg::{Engine, Factor, LinearCombination, estimate_factor_error};
 use crate::obstacle::Bounds;
+use faer::Mat;
 use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Number of candidates above which active dofs are pinned in the sparse matrix.
@@ -314,6 +315,14 @@ impl<E: Engine> Solver<E> for Condensed {
             self.method = Method::Dense { candidates: Vec::new(), first: 0 };
         }
         Ok(iterations)
+    }
+
+    fn solve_without_bounds(&mut self, x: &mut Mat<f64>) -> Result<bool> {
+        let is_dense = matches!(self.method, Method::Dense { .. });
+        if is_dense {
+            self.factor.solve_columns(x)?;
+        }
+        Ok(is_dense)
     }
 
     fn factorisations(&self) -> u64 {

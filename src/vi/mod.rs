@@ -47,6 +47,7 @@ use crate::error::{Error, Result};
 use crate::linalg::vectors::{add, aypx};
 use crate::linalg::{Engine, Form, LinearCombination, multiply_sum};
 use crate::obstacle::Bounds;
+use faer::Mat;
 use serde::{Deserialize, Serialize};
 
 /// Bound-constrained problem of a step; see the [module page](self).
@@ -79,6 +80,16 @@ pub trait Solver<E: Engine> {
     /// Returns [`Error::Singular`] where a matrix cannot be factored. An answer that did not
     /// converge is not an error here, because [`CheckedSolver::solve`] measures it.
     fn solve(&mut self, engine: &E, problem: &Problem, answer: &mut Answer) -> Result<u32>;
+
+    /// Solves A X = B in place without bounds, one system per column. Returns whether the factor is
+    /// at hand, which it is not by default. Collective.
+    ///
+    /// # Errors
+    /// Returns the errors of the factor.
+    fn solve_without_bounds(&mut self, x: &mut Mat<f64>) -> Result<bool> {
+        let _ = x;
+        Ok(false)
+    }
 
     /// Returns the number of numeric factorisations so far.
     fn factorisations(&self) -> u64;
@@ -285,6 +296,19 @@ impl<E: Engine> CheckedSolver<E> {
     /// Returns the number of corrections that an answer needs.
     fn needed_corrections(&self) -> u32 {
         if self.feeds { 0 } else { corrections(self.solver.factor_error()) }
+    }
+
+    /// Solves a step like [`Solver::solve_without_bounds`] where an answer needs no correction.
+    ///
+    /// # Errors
+    /// Returns the errors of the factor.
+    pub fn solve_without_bounds(&mut self, x: &mut Mat<f64>) -> Result<bool> {
+        Ok(self.needed_corrections() == 0 && self.solver.solve_without_bounds(x)?)
+    }
+
+    /// Returns the largest KKT residual of a good answer.
+    pub fn tolerance(&self) -> f64 {
+        self.solver.tolerance()
     }
 
     /// Returns the residual A x - b - G^T r of the last answer, in N, one entry per dof.

@@ -1,4 +1,4 @@
-//! Triangular solves for one right-hand side, which stop at the contact dofs.
+//! Triangular solves for one right-hand side or two, which stop at the contact dofs.
 
 use super::size::{Size, require};
 use super::supernodes::Supernode;
@@ -26,7 +26,22 @@ impl Factor for Cholesky {
         Ok(())
     }
 
+    /// Solves two systems like each alone, in one pass over the factor, and more of them together.
     fn solve_columns(&mut self, x: &mut Mat<f64>) -> Result<()> {
+        let dofs = x.nrows();
+        if x.ncols() == 2 && dofs > 0 {
+            self.x.resize(2 * dofs, 0.0);
+            for (j, sorted) in self.x.chunks_exact_mut(dofs).enumerate() {
+                sorted.iter_mut().zip(&self.order).for_each(|(value, &dof)| *value = x[(dof as usize, j)]);
+            }
+            self.sweep::<true>(dofs);
+            self.sweep::<false>(dofs);
+            for (j, sorted) in self.x.chunks_exact(dofs).enumerate() {
+                sorted.iter().zip(&self.order).for_each(|(value, &dof)| x[(dof as usize, j)] = *value);
+            }
+            self.x.truncate(dofs);
+            return Ok(());
+        }
         let scratch = self.symbolic.solve_in_place_scratch::<f64>(x.ncols(), Par::Seq);
         let mut memory = MemBuffer::try_new(scratch).map_err(|_| no_memory(self.order.len()))?;
         let factor = LltRef::new(&self.symbolic, &self.values);
@@ -129,7 +144,7 @@ impl Cholesky {
             values: &self.values,
             pivots: &self.pivots,
             limit,
-            x: &mut self.x,
+            columns: (&mut self.x, self.order.len()),
             work: &mut self.work,
         });
     }
@@ -143,7 +158,8 @@ struct Sweep<'a, const FORWARD: bool> {
     values: &'a [f64],
     pivots: &'a [f64],
     limit: usize,
-    x: &'a mut [f64],
+    /// Vectors to solve for, one after the other, and the length of each.
+    columns: (&'a mut [f64], usize),
     work: &'a mut [f64],
 }
 
@@ -152,17 +168,22 @@ impl<const FORWARD: bool> WithSimd for Sweep<'_, FORWARD> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
+        let (columns, dofs) = std::mem::take(&mut self.columns);
         let (supernodes, limit) = (self.supernodes, self.limit);
         if FORWARD {
             for s in supernodes {
                 if s.start < limit {
-                    self.eliminate(simd, s);
+                    for x in columns.chunks_exact_mut(dofs) {
+                        self.eliminate(simd, s, x);
+                    }
                 }
             }
         } else {
             for s in supernodes.iter().rev() {
                 if s.start < limit {
-                    self.substitute(simd, s);
+                    for x in columns.chunks_exact_mut(dofs) {
+                        self.substitute(simd, s, x);
+                    }
                 }
             }
         }
@@ -173,12 +194,12 @@ impl<const FORWARD: bool> Sweep<'_, FORWARD> {
     /// Eliminates forward with the columns of one supernode. `work` holds the supernode's part of x
     /// and below it the updates to other rows of x.
     #[inline(always)]
-    fn eliminate<S: Simd>(&mut self, simd: S, s: &Supernode) {
+    fn eliminate<S: Simd>(&mut self, simd: S, s: &Supernode, x: &mut [f64]) {
         let (width, height, columns) = s.shape(self.limit);
         let values = &self.values[s.values..][..width * height];
         let pivots = &self.pivots[s.start..][..columns];
         let work = &mut self.work[..height];
-        work[..width].copy_from_slice(&self.x[s.start..s.end]);
+        work[..width].copy_from_slice(&x[s.start..s.end]);
         work[width..].fill(0.0);
         let mut j = 0;
         while j + 4 <= columns {
@@ -198,22 +219,22 @@ impl<const FORWARD: bool> Sweep<'_, FORWARD> {
                 *y -= a * head[0];
             }
         }
-        self.x[s.start..s.end].copy_from_slice(&work[..width]);
+        x[s.start..s.end].copy_from_slice(&work[..width]);
         for (loss, &row) in work[width..].iter().zip(&self.patterns[s.pattern..]) {
-            self.x[row as usize] += loss;
+            x[row as usize] += loss;
         }
     }
 
     /// Substitutes backward with the columns of one supernode.
     #[inline(always)]
-    fn substitute<S: Simd>(&mut self, simd: S, s: &Supernode) {
+    fn substitute<S: Simd>(&mut self, simd: S, s: &Supernode, x: &mut [f64]) {
         let (width, height, columns) = s.shape(self.limit);
         let values = &self.values[s.values..][..width * height];
         let pivots = &self.pivots[s.start..][..columns];
         let work = &mut self.work[..height];
-        work[..width].copy_from_slice(&self.x[s.start..s.end]);
+        work[..width].copy_from_slice(&x[s.start..s.end]);
         for (value, &row) in work[width..].iter_mut().zip(&self.patterns[s.pattern..]) {
-            *value = self.x[row as usize];
+            *value = x[row as usize];
         }
         let whole = columns / 4 * 4;
         for j in (whole..columns).rev() {
@@ -234,7 +255,7 @@ impl<const FORWARD: bool> Sweep<'_, FORWARD> {
             head[0] =
                 (head[0] - sums[0] - a[0][1] * head[1] - a[0][2] * head[2] - a[0][3] * head[3]) * pivots[j];
         }
-        self.x[s.start..s.end].copy_from_slice(&work[..width]);
+        x[s.start..s.end].copy_from_slice(&work[..width]);
     }
 }
 
