@@ -10,8 +10,8 @@ use crate::output::text::{grouped, significant};
 use crate::output::{paths_in, plot, write_atomic};
 use crate::sweep::{self, SweepReport, SweepStatistics};
 use serde_json::Value;
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 /// Name of the file that makes a folder that of a study.
 pub(super) const STUDY: &str = "study.json";
@@ -55,7 +55,8 @@ pub(super) fn of_sweep(folder: &Path, page: &Path) -> Result<()> {
     let tables = sweep.statistics.iter().flat_map(SweepStatistics::tables);
     let mut tables: Vec<RunTable> =
         tables.map(|(name, lines)| RunTable::new(name, &lines, |_| true)).collect();
-    tables.push(RunTable::new(&heading, &sweep.lines().collect::<Vec<_>>(), is_shown));
+    let lines: Vec<_> = sweep.lines().collect::<io::Result<_>>().map_err(Error::io(folder))?;
+    tables.push(RunTable::new(&heading, &lines, is_shown));
     write(
         page,
         &ManyRuns {

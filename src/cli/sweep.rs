@@ -185,7 +185,7 @@ impl SweepArgs {
         }
         let folder = self.folder();
         let _lock = RunLock::new(&folder, &Identity::of(scene)?)?;
-        let mut store = SweepStore::open(&folder, &scene.hash(), self.overwrite)?;
+        let mut store = SweepStore::open(&folder, &scene.hash(), self.overwrite, sweep.shows_sections())?;
         signal::listen()?;
         let cache = self.scene.open_cache();
         let count = sweep::groups(sweep).iter().map(Vec::len).sum();
@@ -212,9 +212,10 @@ impl SweepArgs {
             words.push(format!("--set time.step={:?} --set time.end={:?}", made.time.step, made.time.end));
             text += &format!("{}\n", words.join(" "));
         }
-        let report = SweepReport::new(scene, command_line(), vec![row]);
+        let report = SweepReport::new(scene, command_line(), vec![row].into());
         let mut lines = report.lines();
-        let cells = lines.next().into_iter().flatten().zip(lines.next().into_iter().flatten());
+        let mut cells = || lines.next().into_iter().flatten().flatten();
+        let cells: Vec<_> = cells().zip(cells()).collect();
         for (head, cell) in cells {
             if !cell.is_empty() && !head.ends_with("_section") {
                 text += &format!("  {head}: {cell}\n");
@@ -245,7 +246,9 @@ impl SweepArgs {
             let (folder, hash) = (self.folder(), scene.hash());
             let lock = speaks.then(|| RunLock::new(&folder, &identity)).transpose();
             let _lock = everyone.all_ok(lock)?;
-            let store = speaks.then(|| SweepStore::open(&folder, &hash, self.overwrite)).transpose();
+            let store =
+                speaks.then(|| SweepStore::open(&folder, &hash, self.overwrite, spec.shows_sections()));
+            let store = store.transpose();
             let store = everyone.all_ok(store)?;
             let made = store.map_or_else(Vec::new, |store| store.indices());
             let made = everyone.broadcast_value(&made)?;
@@ -272,7 +275,7 @@ impl SweepArgs {
             }
             // All rows are written; rank 0 joins them.
             let joined = speaks.then(|| {
-                let store = SweepStore::open(&folder, &hash, false)?;
+                let store = SweepStore::open(&folder, &hash, false, spec.shows_sections())?;
                 self.finish(scene, &folder, store, ended)
             });
             everyone.all_ok(joined.unwrap_or(Ok(())))
@@ -283,7 +286,7 @@ impl SweepArgs {
     /// Writes table, report and pictures of all runs, or the table of those that are done.
     fn finish(&self, scene: &Scene, folder: &Path, mut store: SweepStore, ended: Result<()>) -> Result<()> {
         let is_complete = ended.is_ok();
-        let report = SweepReport::new(scene, command_line(), store.take_rows());
+        let report = SweepReport::new(scene, command_line(), store.take_rows()?);
         report.write(folder)?;
         ended?;
         let pictures = Figure::write_all(&folder.join(plot::FOLDER), &sweep::figures(&report))?;

@@ -73,6 +73,11 @@ impl SweepSpec {
         let random = random.map(|random| (random.name.as_str(), random.key.as_str()));
         self.over.iter().map(|swept| (swept.name.as_str(), swept.key.as_str())).chain(random)
     }
+
+    /// Returns whether pictures or attractors need the sections of all runs.
+    pub fn shows_sections(&self) -> bool {
+        self.random.is_none() || self.basins
+    }
 }
 
 /// Returns half of the periods.

@@ -23,6 +23,7 @@ mod quantities;
 mod random_pictures;
 mod report;
 mod row;
+mod rows;
 mod statistics;
 mod store;
 
@@ -36,6 +37,7 @@ pub use plan::{Direction, PlannedRun, groups, typical_run};
 pub use prepared_run::CarriedState;
 pub use report::{CSV, JSON, SweepReport};
 pub use row::{ProbeHead, SweepRow};
+pub use rows::SweepRows;
 pub use statistics::{Criterion, MeasureStatistics, Sensitivity, SweepStatistics, check_criteria};
 #[cfg(feature = "petsc")]
 pub use store::SweepPart;

@@ -65,7 +65,7 @@ impl RankedSweep<'_> {
                 let row = SweepRow::new(planned, outcome.map_err(|why| why.to_string()));
                 rest -= 1;
                 told(&row);
-                comm.all_ok(part.as_mut().map_or(Ok(()), |part| part.add(&row)))?;
+                comm.all_ok(part.as_mut().map_or(Ok(0), |part| part.add(&row)))?;
             }
         }
         Ok(())

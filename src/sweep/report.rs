@@ -3,6 +3,7 @@
 use super::basins::Basins;
 use super::quantities::{Quantity, of_plate, of_probe};
 use super::row::{ProbeHead, SweepRow};
+use super::rows::SweepRows;
 use super::statistics::SweepStatistics;
 use crate::error::{Error, Result};
 use crate::input;
@@ -13,7 +14,7 @@ use crate::scene::{Scene, SweepSpec};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use std::fs::File;
-use std::io::Write as _;
+use std::io::{self, Write as _};
 use std::path::Path;
 
 /// Names of the files in the folder of a sweep.
@@ -46,14 +47,14 @@ pub struct SweepReport {
     #[serde(default)]
     pub basins: Option<Basins>,
     /// Runs in the order of the plan.
-    pub rows: Vec<SweepRow>,
+    pub rows: SweepRows,
     /// Resolved scene.
     pub scene: Value,
 }
 
 impl SweepReport {
     /// Creates the report of a scene's sweep that a command made.
-    pub fn new(scene: &Scene, command: String, rows: Vec<SweepRow>) -> SweepReport {
+    pub fn new(scene: &Scene, command: String, rows: SweepRows) -> SweepReport {
         let probes = ProbeHead::of_scene(scene);
         let spec = scene.sweep.as_ref();
         let random = spec.and_then(|sweep| sweep.random.as_ref());
@@ -91,6 +92,7 @@ impl SweepReport {
         write_json(&folder.join(JSON), self)?;
         write_whole(&folder.join(CSV), &mut File::options(), |file| {
             self.lines().try_for_each(|cells| {
+                let cells = cells?;
                 let cells: Vec<String> = cells.iter().map(|cell| quoted(cell)).collect();
                 writeln!(file, "{}", cells.join(","))
             })
@@ -104,7 +106,7 @@ impl SweepReport {
 
     /// Returns the heads of the table and a line per run, in which every number reads back as the
     /// same `f64`.
-    pub fn lines(&self) -> impl Iterator<Item = Vec<String>> {
+    pub fn lines(&self) -> impl Iterator<Item = io::Result<Vec<String>>> {
         let mut columns = TableColumns::default();
         for (key, name) in self.keys.iter().enumerate() {
             columns.add(name, move |row: &SweepRow| format!("{:?}", row.values[key]));
@@ -129,7 +131,7 @@ impl SweepReport {
         }
         columns.add("failure", |row| row.failure.clone().unwrap_or_default());
         let heads = columns.heads().into_iter().map(str::to_owned).collect();
-        std::iter::once(heads).chain(self.rows.iter().map(move |row| columns.row(row)))
+        std::iter::once(Ok(heads)).chain(self.rows.whole().map(move |row| Ok(columns.row(&row?))))
     }
 }
 

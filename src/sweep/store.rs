@@ -2,12 +2,14 @@
 //!
 //! `rows.jsonl` has a line with the hash of the scene, and one line per finished run. The state
 //! from which the next run of a group starts is in `state-N.bin`, until the sweep is complete.
+//! Where nothing but the table needs the sections of the probes, they are in that file alone.
 //! Groups of ranks write files `rows-N.jsonl` of their own, which the next opening joins to it.
 
 use super::conduct::SweepRecord;
 use super::prepared_run::CarriedState;
 use super::report::{CSV, JSON};
 use super::row::SweepRow;
+use super::rows::SweepRows;
 use crate::archive;
 use crate::error::{Error, Result};
 use crate::input;
@@ -16,8 +18,9 @@ use crate::output::{if_there, plot, remove, report, write_atomic};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fs::File;
-use std::io::{self, Write as _};
+use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
+use std::rc::Rc;
 
 /// Name of the file of finished runs.
 const ROWS: &str = "rows.jsonl";
@@ -26,20 +29,40 @@ const ROWS: &str = "rows.jsonl";
 pub struct SweepStore {
     folder: PathBuf,
     file: SweepPart,
-    known: BTreeMap<usize, SweepRow>,
+    known: KnownRows,
     /// Last states, by group.
     states: BTreeMap<usize, CarriedState>,
     /// Receiver of each new row.
     told: Box<dyn FnMut(&SweepRow)>,
 }
 
+/// Rows by index.
+struct KnownRows {
+    rows: BTreeMap<usize, SweepRow>,
+    /// Places in the file, where sections are there alone.
+    places: Option<BTreeMap<usize, u64>>,
+}
+
+impl KnownRows {
+    /// Keeps a row at a place of the file.
+    fn keep(&mut self, mut row: SweepRow, place: u64) {
+        if let Some(places) = &mut self.places {
+            places.insert(row.index, place);
+            let probes = row.measures.iter_mut().flat_map(|measures| &mut measures.probes);
+            probes.for_each(|probe| probe.section = Vec::new());
+        }
+        self.rows.insert(row.index, row);
+    }
+}
+
 impl SweepStore {
-    /// Opens the folder of a sweep of the scene with this hash; `overwrite` forgets what it holds.
+    /// Opens the folder of a sweep of the scene with this hash; `overwrite` forgets what it holds,
+    /// and `has_sections` keeps the sections in memory.
     ///
     /// # Errors
     /// Returns [`Error::Usage`] for a folder with files that no sweep writes, or with the sweep of
     /// another scene, and [`Error::Io`] where it cannot be read or written.
-    pub fn open(folder: &Path, hash: &str, overwrite: bool) -> Result<SweepStore> {
+    pub fn open(folder: &Path, hash: &str, overwrite: bool, has_sections: bool) -> Result<SweepStore> {
         let is_state = |name: &str| name.starts_with("state-") && name.ends_with(".bin");
         let is_own = |name: &str| {
             [ROWS, JSON, CSV, plot::FOLDER, report::FILE, ".lock"].contains(&name)
@@ -47,12 +70,15 @@ impl SweepStore {
                 || name.starts_with("rows-") && name.ends_with(".jsonl")
         };
         refuse_foreign(folder, "sweep", "--out", is_own)?;
-        let path = folder.join(ROWS);
-        let read =
-            |path: &Path| input::open_plain(File::options().read(true), path).and_then(io::read_to_string);
-        let text = if_there(&path, read(&path))?.filter(|_| !overwrite).unwrap_or_default();
-        let (head, stored) = (head(hash), rows_of(&text));
-        if stored.as_ref().is_some_and(|(first, _)| *first != head) {
+        let (path, head) = (folder.join(ROWS), head(hash));
+        let places = (!has_sections).then(BTreeMap::new);
+        let mut memory = KnownRows { rows: BTreeMap::new(), places };
+        let keep = |row, place| {
+            memory.keep(row, place);
+            Ok(())
+        };
+        let stored = if overwrite { None } else { read_rows(&path, &head, keep)? };
+        if let Some(Stored { is_foreign: true, .. }) = stored {
             return Err(Error::Usage(format!(
                 "{} holds the sweep of another scene, or with other values: --out DIR names another folder, --overwrite \
                  replaces it",
@@ -60,20 +86,18 @@ impl SweepStore {
             )));
         }
         remove(&folder.join(report::FILE))?;
-        let mut rows = stored.map(|(_, rows)| rows).unwrap_or_default();
-        let parts = paths_between(folder, "rows-", ".jsonl");
-        for (_, part) in parts.iter().filter(|_| !overwrite) {
-            let text = read(part).map_err(Error::io(part))?;
-            rows.extend(
-                rows_of(&text).filter(|(first, _)| *first == head).into_iter().flat_map(|(_, rows)| rows),
-            );
+        let file = match stored {
+            Some(Stored { length, .. }) => SweepPart::resume(path, length)?,
+            None => SweepPart::start_with(path, &head)?,
+        };
+        let (states, told) = (BTreeMap::new(), Box::new(|_: &SweepRow| {}));
+        let mut store = SweepStore { folder: folder.to_owned(), file, known: memory, states, told };
+        for (_, part) in paths_between(folder, "rows-", ".jsonl") {
+            if !overwrite {
+                read_rows(&part, &head, |row, _| store.add(row))?;
+            }
+            remove(&part)?;
         }
-        let rows: BTreeMap<usize, SweepRow> = rows.into_iter().map(|row| (row.index, row)).collect();
-        let (folder, states, told) = (folder.to_owned(), BTreeMap::new(), Box::new(|_: &SweepRow| {}));
-        // The file is written anew, without lines that a kill cut off.
-        let file = SweepPart::start_with(path, &head, rows.values())?;
-        let mut store = SweepStore { folder, file, known: rows, states, told };
-        parts.iter().try_for_each(|(_, part)| remove(part))?;
         if overwrite {
             store.clear_states()?;
         }
@@ -88,7 +112,7 @@ impl SweepStore {
 
     /// Returns the indices of the runs that are known.
     pub fn indices(&self) -> Vec<usize> {
-        self.known.keys().copied().collect()
+        self.known.rows.keys().copied().collect()
     }
 
     /// Returns the paths of the states by group.
@@ -104,8 +128,8 @@ impl SweepStore {
             let saved: (Vec<u8>, CarriedState) = archive::from_bytes(&bytes)?;
             if let Ok(row) = serde_json::from_slice::<SweepRow>(&saved.0) {
                 self.states.insert(group, saved.1);
-                if self.known.insert(row.index, row.clone()).is_none() {
-                    self.file.add(&row)?;
+                if !self.is_known(row.index) {
+                    self.add(row)?;
                 }
             }
         }
@@ -121,9 +145,23 @@ impl SweepStore {
         self.state_paths().iter().try_for_each(|(_, path)| remove(path))
     }
 
+    /// Adds a row to the file and to those that are known.
+    fn add(&mut self, row: SweepRow) -> Result<()> {
+        let place = self.file.add(&row)?;
+        self.known.keep(row, place);
+        Ok(())
+    }
+
     /// Takes the rows that are known out of the store, in the order of the plan.
-    pub fn take_rows(&mut self) -> Vec<SweepRow> {
-        std::mem::take(&mut self.known).into_values().collect()
+    ///
+    /// # Errors
+    /// Returns [`Error::Io`] where their file cannot be read.
+    pub fn take_rows(&mut self) -> Result<SweepRows> {
+        let rows = std::mem::take(&mut self.known.rows).into_values().collect();
+        let Some(places) = self.known.places.take() else { return Ok(SweepRows::from(rows)) };
+        let path = &self.file.path;
+        let file = input::open_plain(File::options().read(true), path).map_err(Error::io(path))?;
+        Ok(SweepRows { rows, file: Some(Rc::new((file, places))) })
     }
 }
 
@@ -131,6 +169,7 @@ impl SweepStore {
 pub struct SweepPart {
     path: PathBuf,
     file: File,
+    length: u64,
 }
 
 impl SweepPart {
@@ -140,28 +179,33 @@ impl SweepPart {
     /// Returns [`Error::Io`] where it cannot be written.
     #[cfg(feature = "petsc")]
     pub fn start(folder: &Path, hash: &str, group: usize) -> Result<SweepPart> {
-        SweepPart::start_with(folder.join(format!("rows-{group}.jsonl")), &head(hash), [])
+        SweepPart::start_with(folder.join(format!("rows-{group}.jsonl")), &head(hash))
     }
 
-    /// Starts a file with its first line and some rows.
-    fn start_with<'r>(
-        path: PathBuf,
-        head: &str,
-        rows: impl IntoIterator<Item = &'r SweepRow>,
-    ) -> Result<SweepPart> {
-        let text: String =
-            std::iter::once(head.to_owned() + "\n").chain(rows.into_iter().map(line)).collect();
+    /// Starts a file with its first line.
+    fn start_with(path: PathBuf, head: &str) -> Result<SweepPart> {
+        let text = head.to_owned() + "\n";
         write_atomic(&path, text.as_bytes())?;
-        let file = input::open_plain(File::options().append(true), &path).map_err(Error::io(&path))?;
-        Ok(SweepPart { path, file })
+        SweepPart::resume(path, text.len() as u64)
     }
 
-    /// Adds a row.
+    /// Goes on with a file behind the length of its lines, without what a kill cut off.
+    fn resume(path: PathBuf, length: u64) -> Result<SweepPart> {
+        let file = input::open_plain(File::options().append(true), &path);
+        let file = file.and_then(|file| file.set_len(length).map(|()| file)).map_err(Error::io(&path))?;
+        Ok(SweepPart { path, file, length })
+    }
+
+    /// Adds a row. Returns its place.
     ///
     /// # Errors
     /// Returns [`Error::Io`] where it cannot be written.
-    pub fn add(&mut self, row: &SweepRow) -> Result<()> {
-        self.file.write_all(line(row).as_bytes()).map_err(Error::io(&self.path))
+    pub fn add(&mut self, row: &SweepRow) -> Result<u64> {
+        let line = line(row);
+        self.file.write_all(line.as_bytes()).map_err(Error::io(&self.path))?;
+        let place = self.length;
+        self.length += line.len() as u64;
+        Ok(place)
     }
 }
 
@@ -170,12 +214,37 @@ fn head(hash: &str) -> String {
     json!({ "scene": hash }).to_string()
 }
 
-/// Returns the first line of a file of rows, and its rows but for a line that a kill cut off, or
-/// `None` for an empty file.
-fn rows_of(text: &str) -> Option<(String, Vec<SweepRow>)> {
-    let mut lines = text.split_inclusive('\n').filter(|line| line.ends_with('\n'));
-    let first = lines.next()?.trim_end().to_owned();
-    Some((first, lines.filter_map(|line| serde_json::from_str(line).ok()).collect()))
+/// File of rows, as far as its lines are whole.
+struct Stored {
+    /// Whether its first line is another one than expected.
+    is_foreign: bool,
+    length: u64,
+}
+
+/// Reads the rows of a file that begins with a line, each with its place, but for a line that a
+/// kill cut off. Returns `None` for a file that is not there, or empty.
+fn read_rows(
+    path: &Path,
+    head: &str,
+    mut take: impl FnMut(SweepRow, u64) -> Result<()>,
+) -> Result<Option<Stored>> {
+    let file = if_there(path, input::open_plain(File::options().read(true), path))?;
+    let Some(mut file) = file.map(BufReader::new) else { return Ok(None) };
+    let (mut line, mut length) = (String::new(), 0);
+    loop {
+        line.clear();
+        let read = file.read_line(&mut line).map_err(Error::io(path))? as u64;
+        if !line.ends_with('\n') {
+            return Ok((length > 0).then_some(Stored { is_foreign: false, length }));
+        }
+        if length == 0 && line.trim_end() != head {
+            return Ok(Some(Stored { is_foreign: true, length }));
+        }
+        if let (true, Ok(row)) = (length > 0, serde_json::from_str(&line)) {
+            take(row, length)?;
+        }
+        length += read;
+    }
 }
 
 /// Returns the paths of the files in a folder whose names are a number between two texts.
@@ -189,7 +258,7 @@ fn line(row: &SweepRow) -> String {
 
 impl SweepRecord for SweepStore {
     fn is_known(&self, index: usize) -> bool {
-        self.known.contains_key(&index)
+        self.known.rows.contains_key(&index)
     }
 
     fn state(&self, group: usize) -> Option<CarriedState> {
@@ -201,9 +270,7 @@ impl SweepRecord for SweepStore {
             let bytes = archive::to_bytes(&(line(&row).into_bytes(), state))?;
             write_atomic(&self.folder.join(format!("state-{group}.bin")), &bytes)?;
         }
-        self.file.add(&row)?;
         (self.told)(&row);
-        self.known.insert(row.index, row);
-        Ok(())
+        self.add(row)
     }
 }
