@@ -98,7 +98,7 @@ fn label(report: &SweepReport, probe: &ProbeHead) -> String {
 }
 
 /// Returns one of all points that a picture shows at the same place.
-fn distinct(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
+pub(super) fn distinct(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
     let grain = [0, 1].map(|axis| {
         let [low, high] = range(points.iter().map(|point| point[axis]));
         [low, GRAIN[axis] / (high - low).max(f64::MIN_POSITIVE)]
