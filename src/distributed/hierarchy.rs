@@ -99,11 +99,6 @@ impl Hierarchy {
         Ok(Hierarchy { steps, smoother: first.smoother })
     }
 
-    /// Returns the number of levels.
-    pub fn levels(&self) -> usize {
-        self.steps.len() + 1
-    }
-
     /// Returns the smoother that suits the elements of the meshes.
     pub(super) fn smoother(&self) -> Smoother {
         self.smoother

@@ -119,11 +119,6 @@ impl QuarticForm {
         !self.geometric.is_empty()
     }
 
-    /// Returns the number of matrices H_k.
-    pub fn rank(&self) -> usize {
-        self.forms.len() / (self.modes * self.modes).max(1)
-    }
-
     /// Evaluates the form at a position.
     pub fn evaluate(&self, q: &[f64], stretch: &mut Stretch) {
         let Stretch { strains, products, pull, geometric } = stretch;

@@ -9,7 +9,7 @@ macro_rules! bounded_solver {
     (
         $(#[$doc:meta])* $name:ident, $raw:ident, $function:ty, $set_derivative:ident,
         $create:ident, $destroy:ident, $set_prefix:ident, $set_type:ident, $set_matrix:ident, $set_bounds:ident,
-        $set_from_options:ident, $iterations:ident, $linear_iterations:ident, $ksp:ident, $kind:ident, $view:ident
+        $set_from_options:ident, $iterations:ident, $linear_iterations:ident, $ksp:ident, $kind:ident
     ) => {
         $crate::petsc::handle::handle! {
             $(#[$doc])*
@@ -134,14 +134,6 @@ macro_rules! bounded_solver {
                 let name = get!($kind(self.raw))?;
                 // SAFETY: the name belongs to PETSc; it is null before one is set.
                 Ok(unsafe { text(name) })
-            }
-
-            /// Prints the solver. Collective.
-            ///
-            /// # Errors
-            /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-            pub fn view(&self) -> Result<()> {
-                call!($view(self.raw, std::ptr::null_mut()))
             }
         }
 

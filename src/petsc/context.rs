@@ -147,14 +147,6 @@ impl Context {
         (self.everyone.rank() / self.size(), self.everyone.size() / self.size())
     }
 
-    /// Returns the number of ranks of a communicator.
-    pub fn ranks(&self, comm: Comm) -> usize {
-        match comm {
-            Comm::World => self.size(),
-            Comm::Own => 1,
-        }
-    }
-
     pub(super) fn raw(&self, comm: Comm) -> sys::MPI_Comm {
         match comm {
             Comm::World => self.comm.world().as_raw(),
@@ -211,11 +203,6 @@ impl Context {
     /// reports it.
     pub fn fail(&self, error: &Error) -> ! {
         ending::fail(self.everyone.world(), error)
-    }
-
-    /// Ends the program on every rank at once. Not collective.
-    pub fn abort(&self, code: u8) -> ! {
-        ending::abort(self.everyone.world(), code)
     }
 
     /// Returns the number of OpenBLAS threads, or `None` if BLAS is another library.

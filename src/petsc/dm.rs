@@ -372,12 +372,4 @@ impl Plex {
         call!(ISLocalToGlobalMappingRestoreIndices(map, &mut array))?;
         Ok(dofs)
     }
-
-    /// Prints the mesh. Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn view(&self) -> Result<()> {
-        call!(DMView(self.raw, std::ptr::null_mut()))
-    }
 }

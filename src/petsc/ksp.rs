@@ -325,14 +325,6 @@ impl Ksp {
         let (negative, zero, positive) = get!(MatGetInertia(factor; negative, zero, positive))?;
         Ok([negative as usize, zero as usize, positive as usize])
     }
-
-    /// Prints the solver. Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn view(&self) -> Result<()> {
-        call!(KSPView(self.raw, std::ptr::null_mut()))
-    }
 }
 
 /// Relative tolerance of iterative linear solvers; the check of each step demands this accuracy.

@@ -463,12 +463,4 @@ impl Matrix {
         call!(MatRestoreRow(self.raw, row, &mut length, &mut columns, &mut values))?;
         Ok(copy)
     }
-
-    /// Prints the matrix. Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn view(&self) -> Result<()> {
-        call!(MatView(self.raw, std::ptr::null_mut()))
-    }
 }

@@ -18,7 +18,7 @@ bounded_solver! {
     /// Solver of f(x) = 0, or of the mixed complementarity problem between bounds l <= x <= u.
     Snes, SNES, Residual<'a>, set_jacobian,
     SNESCreate, SNESDestroy, SNESSetOptionsPrefix, SNESSetType, SNESSetJacobian, SNESVISetVariableBounds,
-    SNESSetFromOptions, SNESGetIterationNumber, SNESGetLinearSolveIterations, SNESGetKSP, SNESGetType, SNESView
+    SNESSetFromOptions, SNESGetIterationNumber, SNESGetLinearSolveIterations, SNESGetKSP, SNESGetType
 }
 
 impl<'a> Snes<'a> {

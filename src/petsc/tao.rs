@@ -18,7 +18,7 @@ bounded_solver! {
     /// Solver that minimises a function between bounds.
     Tao, Tao, Objective<'a>, set_hessian,
     TaoCreate, TaoDestroy, TaoSetOptionsPrefix, TaoSetType, TaoSetHessian, TaoSetVariableBounds,
-    TaoSetFromOptions, TaoGetIterationNumber, TaoGetLinearSolveIterations, TaoGetKSP, TaoGetType, TaoView
+    TaoSetFromOptions, TaoGetIterationNumber, TaoGetLinearSolveIterations, TaoGetKSP, TaoGetType
 }
 
 impl<'a> Tao<'a> {

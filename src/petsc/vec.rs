@@ -183,14 +183,6 @@ impl Vector {
     pub fn all_reduce_max(&self) -> Result<f64> {
         get!(VecMax(self.raw, std::ptr::null_mut()))
     }
-
-    /// Prints all entries in order. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn view(&self) -> Result<()> {
-        call!(VecView(self.raw, std::ptr::null_mut()))
-    }
 }
 
 /// Converts a C array into a slice; a null pointer gives an empty slice.
