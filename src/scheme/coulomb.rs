@@ -132,6 +132,15 @@ pub(super) struct Rounds {
     pub error: f64,
 }
 
+impl Rounds {
+    /// Solves a step in rounds, each of which returns whether another one follows.
+    pub fn run(mut round: impl FnMut(&mut Rounds) -> Result<bool>) -> Result<Rounds> {
+        let mut rounds = Rounds::default();
+        while round(&mut rounds)? {}
+        Ok(rounds)
+    }
+}
+
 impl Default for Rounds {
     fn default() -> Rounds {
         Rounds { round: 0, iterations: 0, last: f64::INFINITY, error: f64::INFINITY }

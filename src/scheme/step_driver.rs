@@ -345,25 +345,19 @@ impl<'s, E: Engine> StepDriver<'s, E> {
     /// Alternates between the step with given moments of friction and their law.
     fn solve_with_friction(&mut self, friction: &mut CoulombFriction, length: f64) -> Result<()> {
         let System { engine, .. } = self.system;
-        let (base, mut rounds) = (self.b.clone(), Rounds::default());
-        let mut report = StepReport::default();
-        let solved = loop {
+        let (base, mut report) = (self.b.clone(), StepReport::default());
+        let rounds = Rounds::run(|rounds| {
             self.b.copy_from_slice(&base);
             friction.add_moments(&mut self.b);
-            if let Err(error) = self.answer_with_moments(length, false) {
-                break Err(error);
-            }
+            self.answer_with_moments(length, false)?;
             report = StepReport { kkt: self.report.kkt, ..report.and(self.report) };
-            let answer = [&*self.x, &*self.reaction];
-            match friction.improve(engine, &self.matrix, &self.bounds, answer, &mut rounds) {
-                Ok(true) => (),
-                done => break done.map(|_| ()),
-            }
-        };
-        let kkt = largest([report.kkt, rounds.error].into_iter());
-        let iterations = report.iterations + rounds.iterations;
-        (self.b, self.report) = (base, StepReport { iterations, kkt, ..report });
-        solved
+            friction.improve(engine, &self.matrix, &self.bounds, [&*self.x, &*self.reaction], rounds)
+        });
+        self.b = base;
+        let Rounds { error, iterations, .. } = rounds?;
+        let kkt = largest([report.kkt, error].into_iter());
+        self.report = StepReport { iterations: report.iterations + iterations, kkt, ..report };
+        Ok(())
     }
 
     /// Solves a step within the bounds on x that are set, whose right-hand side has the moments of

@@ -411,22 +411,16 @@ impl<'s, E: Engine> Potential<'s, E> {
             return Ok((self.solve_within_bounds(length)?, 0.0));
         };
         friction.begin_step(1.0, |dof| self.u[dof] - from[dof], |dof| self.u[dof]);
-        let (base, mut rounds, mut iterations) = (self.b.clone(), Rounds::default(), 0);
-        let solved = loop {
+        let (base, mut iterations) = (self.b.clone(), 0);
+        let rounds = Rounds::run(|rounds| {
             self.b.copy_from_slice(&base);
             friction.add_moments(&mut self.b);
-            match self.solve_within_bounds(length) {
-                Ok(more) => iterations += more,
-                Err(error) => break Err(error),
-            }
-            let answer = [&*self.x, &*self.reaction];
-            match friction.improve(&self.system.engine, &self.sum, &self.bounds, answer, &mut rounds) {
-                Ok(true) => (),
-                done => break done.map(|_| (iterations + rounds.iterations, rounds.error)),
-            }
-        };
+            iterations += self.solve_within_bounds(length)?;
+            let (engine, answer) = (&self.system.engine, [&*self.x, &*self.reaction]);
+            friction.improve(engine, &self.sum, &self.bounds, answer, rounds)
+        });
         self.friction = Some(friction);
-        solved
+        rounds.map(|rounds| (iterations + rounds.iterations, rounds.error))
     }
 
     /// Saves or restores the solver; each solution starts afresh.
