@@ -84,12 +84,24 @@ impl Field {
     pub fn range(&self, point: Point, from: f64, to: f64) -> Interval {
         At(self, point).span(from, to).value
     }
+
+    /// Returns where steps from 0 on resolve the values, less a number, worst at a point (m);
+    /// `None` where they resolve nearly all.
+    pub fn missed(&self, point: Point, less: f64, step: f64, steps: u64) -> Option<Missed> {
+        let depends = self.depends_on(Names::T);
+        depends.then(|| missed(&Less { of: &At(self, point), less }, step, steps)).flatten()
+    }
 }
 
 impl Table {
     /// Returns bounds on the values between two instants (s).
     pub fn range(&self, from: f64, to: f64) -> Interval {
         Bounded::span(self, from, to).value
+    }
+
+    /// Returns where steps resolve the values worst, like [`Field::missed`].
+    pub fn missed(&self, less: f64, step: f64, steps: u64) -> Option<Missed> {
+        missed(&Less { of: self, less }, step, steps)
     }
 }
 
@@ -106,22 +118,6 @@ impl Bounded for Less<'_> {
 
     fn span(&self, from: f64, to: f64) -> Enclosure<1> {
         self.of.span(from, to).binary(Binary::Subtract, Enclosure::constant(self.less))
-    }
-}
-
-impl Field {
-    /// Returns where steps from 0 on resolve the values, less a number, worst at a point (m);
-    /// `None` where they resolve nearly all.
-    pub fn missed(&self, point: Point, less: f64, step: f64, steps: u64) -> Option<Missed> {
-        let depends = self.depends_on(Names::T);
-        depends.then(|| missed(&Less { of: &At(self, point), less }, step, steps)).flatten()
-    }
-}
-
-impl Table {
-    /// Returns where steps resolve the values worst, like [`Field::missed`].
-    pub fn missed(&self, less: f64, step: f64, steps: u64) -> Option<Missed> {
-        missed(&Less { of: self, less }, step, steps)
     }
 }
 

@@ -122,20 +122,7 @@ impl Table {
             second: 2.0 * c + s * 6.0 * d,
         }
     }
-}
 
-/// Overshoot of a spline beyond the values of its rows.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Overshoot {
-    /// Time of the largest overshoot, in s.
-    pub time: f64,
-    /// Value at that time.
-    pub value: f64,
-    /// Distance from the nearest row value, relative to the range of the rows.
-    pub share: f64,
-}
-
-impl Table {
     /// Returns the largest overshoot of the curve beyond all row values; `None` where it stays
     /// within.
     pub fn overshoot(&self) -> Option<Overshoot> {
@@ -160,6 +147,17 @@ impl Table {
         }
         worst
     }
+}
+
+/// Overshoot of a spline beyond the values of its rows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Overshoot {
+    /// Time of the largest overshoot, in s.
+    pub time: f64,
+    /// Value at that time.
+    pub value: f64,
+    /// Distance from the nearest row value, relative to the range of the rows.
+    pub share: f64,
 }
 
 fn pieces(times: &[f64], values: &[f64], interpolation: Interpolation) -> Vec<[f64; 4]> {

@@ -188,6 +188,14 @@ impl Document<'_> {
         }
         Ok(self.parameters.get_or_init(|| parameters))
     }
+
+    /// Reads an array of two values.
+    pub fn pair<V>(&self, key: &str, [one, two]: [&Kind<V>; 2], expected: &str) -> Result<[V; 2]> {
+        match self.entries(key, expected)? {
+            2 => Ok([self.required(&join(key, "0"), one)?, self.required(&join(key, "1"), two)?]),
+            length => Err(self.fault(key, format!("found an array of length {length}; {expected}"))),
+        }
+    }
 }
 
 /// Value of a parameter.
@@ -358,16 +366,6 @@ impl<V: Clone + PartialEq + 'static> Kind<V> {
         };
         let write = move |list: &Vec<V>, by_path: bool| array(list, |value| (writer.write)(value, by_path));
         Kind::new(expected, of_items, read, write)
-    }
-}
-
-impl Document<'_> {
-    /// Reads an array of two values.
-    pub fn pair<V>(&self, key: &str, [one, two]: [&Kind<V>; 2], expected: &str) -> Result<[V; 2]> {
-        match self.entries(key, expected)? {
-            2 => Ok([self.required(&join(key, "0"), one)?, self.required(&join(key, "1"), two)?]),
-            length => Err(self.fault(key, format!("found an array of length {length}; {expected}"))),
-        }
     }
 }
 

@@ -43,6 +43,34 @@ impl ProbeQuantity {
     pub fn is_of_friction(self) -> bool {
         matches!(self, Self::FrictionMoment(_) | Self::SlipVelocity(_))
     }
+
+    /// Quantities that a ball has too.
+    pub(super) const OF_BALLS: [ProbeQuantity; 3] = [Self::Deflection, Self::Velocity, Self::Acceleration];
+
+    /// Returns the name in a scene.
+    pub fn name(self) -> &'static str {
+        self.word()
+    }
+
+    /// Returns the name and the unit on the axis of a figure.
+    pub const fn axis(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Deflection => ("deflection", "m"),
+            Self::Velocity => ("velocity", "m/s"),
+            Self::Acceleration => ("acceleration", "m/s2"),
+            Self::SlopeX | Self::SlopeY => ("slope", ""),
+            Self::Moment(_) => ("moment", "N m/m"),
+            Self::Membrane(_) => ("membrane force", "N/m"),
+            Self::Stress(..) | Self::VonMises(_) => ("stress", "Pa"),
+            Self::FrictionMoment(_) => ("moment of friction", "N m"),
+            Self::SlipVelocity(_) => ("slip velocity", "m/s"),
+        }
+    }
+
+    /// Returns the quantity with a name in a scene.
+    pub fn named(name: &str) -> Option<ProbeQuantity> {
+        Self::WORDS.iter().find(|(word, _)| *word == name).map(|(_, quantity)| *quantity)
+    }
 }
 
 /// Component of moments or of stresses.
@@ -94,34 +122,4 @@ impl Choice for ProbeQuantity {
         ("slip_velocity_x", Self::SlipVelocity(0)),
         ("slip_velocity_y", Self::SlipVelocity(1)),
     ];
-}
-
-impl ProbeQuantity {
-    /// Quantities that a ball has too.
-    pub(super) const OF_BALLS: [ProbeQuantity; 3] = [Self::Deflection, Self::Velocity, Self::Acceleration];
-
-    /// Returns the name in a scene.
-    pub fn name(self) -> &'static str {
-        self.word()
-    }
-
-    /// Returns the name and the unit on the axis of a figure.
-    pub const fn axis(self) -> (&'static str, &'static str) {
-        match self {
-            Self::Deflection => ("deflection", "m"),
-            Self::Velocity => ("velocity", "m/s"),
-            Self::Acceleration => ("acceleration", "m/s2"),
-            Self::SlopeX | Self::SlopeY => ("slope", ""),
-            Self::Moment(_) => ("moment", "N m/m"),
-            Self::Membrane(_) => ("membrane force", "N/m"),
-            Self::Stress(..) | Self::VonMises(_) => ("stress", "Pa"),
-            Self::FrictionMoment(_) => ("moment of friction", "N m"),
-            Self::SlipVelocity(_) => ("slip velocity", "m/s"),
-        }
-    }
-
-    /// Returns the quantity with a name in a scene.
-    pub fn named(name: &str) -> Option<ProbeQuantity> {
-        Self::WORDS.iter().find(|(word, _)| *word == name).map(|(_, quantity)| *quantity)
-    }
 }

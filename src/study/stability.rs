@@ -355,6 +355,38 @@ impl Stability {
         }
         Err(Error::Unfinished(format!("{} of {count} trials fail: {}", failed.len(), failed.join("; "))))
     }
+
+    /// Creates the table of all cases, scenes down and methods across, of one engine and contact
+    /// solver.
+    fn overview(&self, engine: EngineName, vi: ContactSolver) -> Table {
+        let methods = methods(engine, vi);
+        let mut heads = vec![elements().map(ElementKind::name).collect::<Vec<_>>().join(" | ")];
+        for method in &methods {
+            let alone = Method { engine: EngineName::Native, vi: ContactSolver::Condensed, ..*method };
+            heads.push(alone.to_string().replace(' ', "\n"));
+        }
+        if engine != EngineName::Native {
+            heads[0].insert_str(0, &(solver_name(engine, vi) + "\n"));
+        }
+        let mut table = Table::new(&heads.iter().map(String::as_str).collect::<Vec<_>>());
+        for case in &self.cases {
+            let word = |trial: &Trial| match (&trial.ending, &trial.figures) {
+                (Ending::Gains(_), Some(figures)) => format!("x{:.2}", figures.energy_max),
+                (ending, _) => ending.told().0.into(),
+            };
+            let verdict = |method: &Method| {
+                let words: Vec<String> =
+                    case.trials.iter().filter(|trial| trial.method == *method).map(word).collect();
+                match &words[..] {
+                    [] => "-".into(),
+                    [one, others @ ..] if others.iter().all(|other| other == one) => one.clone(),
+                    words => words.join(" | "),
+                }
+            };
+            table.row(std::iter::once(case.name.clone()).chain(methods.iter().map(verdict)));
+        }
+        table
+    }
 }
 
 impl fmt::Display for Case {
@@ -395,40 +427,6 @@ impl fmt::Display for Case {
 /// Formats one significant digit with an exponent.
 fn one_digit(value: f64) -> String {
     if value == 0.0 { "0".into() } else { format!("{value:.0e}") }
-}
-
-impl Stability {
-    /// Creates the table of all cases, scenes down and methods across, of one engine and contact
-    /// solver.
-    fn overview(&self, engine: EngineName, vi: ContactSolver) -> Table {
-        let methods = methods(engine, vi);
-        let mut heads = vec![elements().map(ElementKind::name).collect::<Vec<_>>().join(" | ")];
-        for method in &methods {
-            let alone = Method { engine: EngineName::Native, vi: ContactSolver::Condensed, ..*method };
-            heads.push(alone.to_string().replace(' ', "\n"));
-        }
-        if engine != EngineName::Native {
-            heads[0].insert_str(0, &(solver_name(engine, vi) + "\n"));
-        }
-        let mut table = Table::new(&heads.iter().map(String::as_str).collect::<Vec<_>>());
-        for case in &self.cases {
-            let word = |trial: &Trial| match (&trial.ending, &trial.figures) {
-                (Ending::Gains(_), Some(figures)) => format!("x{:.2}", figures.energy_max),
-                (ending, _) => ending.told().0.into(),
-            };
-            let verdict = |method: &Method| {
-                let words: Vec<String> =
-                    case.trials.iter().filter(|trial| trial.method == *method).map(word).collect();
-                match &words[..] {
-                    [] => "-".into(),
-                    [one, others @ ..] if others.iter().all(|other| other == one) => one.clone(),
-                    words => words.join(" | "),
-                }
-            };
-            table.row(std::iter::once(case.name.clone()).chain(methods.iter().map(verdict)));
-        }
-        table
-    }
 }
 
 impl fmt::Display for Stability {

@@ -73,7 +73,131 @@ impl fmt::Display for Accuracy {
     }
 }
 
+impl<'a> TableColumns<'a, Run> {
+    /// Adds a column of numbers to the last bit, empty where there is none.
+    fn number(&mut self, head: impl Into<String>, value: impl Fn(&Run) -> Option<f64> + 'a) {
+        self.add(head, move |run| value(run).map_or(String::new(), |value| format!("{value:e}")));
+    }
+
+    /// Adds the root mean square and the maximum of a deviation.
+    fn deviation(&mut self, head: &str, end: &str, value: impl Fn(&Run) -> Option<Deviation> + Copy + 'a) {
+        self.number(format!("{head}_rms{end}"), move |run| value(run).map(|d| d.rms));
+        self.number(format!("{head}_max{end}"), move |run| value(run).map(|d| d.max));
+    }
+
+    /// Adds the deviations of the three parts of a run.
+    fn parts(&mut self, head: &str, values: fn(&Run) -> Option<Parts<Deviation>>) {
+        self.deviation(head, "_first_impact", move |run| values(run)?.first_impact);
+        self.deviation(head, "_second_impact", move |run| values(run)?.second_impact);
+        self.deviation(head, "", move |run| Some(values(run)?.end));
+    }
+}
+
+/// Returns whether a run is not told from its limit or, in a study without limits, from the floor.
+fn is_at_floor(run: &Run, floor: Option<&Floor>) -> bool {
+    run.at_floor || run.time.is_none() && floor.is_some_and(|floor| run.whole_error < floor.deflection)
+}
+
+impl<'a, T> TableColumns<'a, T> {
+    /// Adds the root mean squares of the three parts of a run, of which the first has this head.
+    fn impacts(&mut self, head: &str, values: impl Fn(&T) -> Parts<Deviation> + Copy + 'a) {
+        self.add(head, move |item| small(values(item).first_impact.map(|d| d.rms)));
+        self.add("\nimpact 2", move |item| small(values(item).second_impact.map(|d| d.rms)));
+        self.add("\nend", move |item| small(Some(values(item).end.rms)));
+    }
+}
+
+/// Returns the name of the error that ranks runs.
+fn axis_words(axis: Axis) -> &'static str {
+    match axis {
+        Axis::Time => "error in time",
+        Axis::Whole => "whole error",
+    }
+}
+
+/// Cheapest run that reaches an accuracy.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CheapestRun {
+    /// Runs that are compared, and the error that ranks them.
+    among: String,
+    /// Required relative accuracy.
+    accuracy: f64,
+    /// Name of the run; `None` if none reaches the accuracy.
+    run: Option<String>,
+    /// Time of the run, in s.
+    seconds: Option<f64>,
+    /// Relative error of the run, or the least error of all if none reaches the accuracy.
+    error: Option<f64>,
+}
+
 impl Accuracy {
+    /// Returns the content of `study.json`: the study with its evaluation, given the command that
+    /// made it, the scene with every default filled in, and its hash.
+    pub fn summary(&self, command: &str, resolved: &Scene, scene: &str) -> Value {
+        let mut summary = json!({
+            "program": env!("CARGO_PKG_NAME"),
+            "version": env!("CARGO_PKG_VERSION"),
+            "command": command,
+            "scene": scene,
+            "resolved": resolved,
+        });
+        let evaluation = json!({
+            "cheapest": self.cheapest(),
+            "time_orders": self.time_orders(),
+            "space_orders": self.space_orders(),
+            "floor": self.floor(),
+            "advice": self.advice(),
+        });
+        for part in [json!(self), evaluation] {
+            let entries = part.as_object().into_iter().flatten();
+            entries.for_each(|(key, value)| summary[key] = value.clone());
+        }
+        summary
+    }
+
+    /// Reads an unfinished study of the same scene from a `study.json`; `None` for any other.
+    pub fn stopped(json: &[u8], scene: &str) -> Option<Accuracy> {
+        #[derive(Deserialize)]
+        struct Stopped {
+            version: String,
+            scene: String,
+            #[serde(flatten)]
+            accuracy: Accuracy,
+        }
+        let stopped: Stopped = serde_json::from_slice(json).ok()?;
+        let same = stopped.version == env!("CARGO_PKG_VERSION") && stopped.scene == scene;
+        (same && !stopped.accuracy.complete).then_some(stopped.accuracy)
+    }
+
+    /// Returns the cheapest run at each accuracy.
+    ///
+    /// On each mesh the [error that ranks](Accuracy::ranked_on) its runs counts, then among all
+    /// runs the whole error.
+    pub fn cheapest(&self) -> Vec<CheapestRun> {
+        let words = horizon_words(self.until);
+        let on_mesh = |mesh: &String| {
+            let (runs, axis) = self.ranked_on(mesh);
+            (format!("cheapest on {mesh}: {}, {words}", axis_words(axis)), runs, axis)
+        };
+        let mut groups: Vec<(String, Vec<&Run>, Axis)> = self.meshes().iter().map(on_mesh).collect();
+        let heading = format!("cheapest of all: error in time and space, {words}");
+        groups.push((heading, self.runs.iter().collect(), Axis::Whole));
+        let choices = |(among, runs, axis): (String, Vec<&Run>, Axis)| {
+            let front = front(&runs, axis);
+            ACCURACIES.map(|accuracy| {
+                let run = front.iter().find(|run| axis.error(run) <= accuracy).copied();
+                CheapestRun {
+                    among: among.clone(),
+                    accuracy,
+                    run: run.map(|run| run.case.to_string()),
+                    seconds: run.map(Run::seconds),
+                    error: run.or(front.last().copied()).map(|run| axis.error(run)),
+                }
+            })
+        };
+        groups.into_iter().flat_map(choices).collect()
+    }
+
     fn write_limits(&self, f: &mut fmt::Formatter, mesh: &str) -> fmt::Result {
         let limits: Vec<&Limit> = self.limits.iter().filter(|limit| limit.mesh == mesh).collect();
         if limits.is_empty() {
@@ -200,131 +324,5 @@ impl Accuracy {
         columns.deviation("whole", "_after_impact", |run| run.whole.after_impact);
         columns.number("energy_split", |run| run.whole.kinetic.map(|d| d.rms));
         columns
-    }
-}
-
-impl<'a> TableColumns<'a, Run> {
-    /// Adds a column of numbers to the last bit, empty where there is none.
-    fn number(&mut self, head: impl Into<String>, value: impl Fn(&Run) -> Option<f64> + 'a) {
-        self.add(head, move |run| value(run).map_or(String::new(), |value| format!("{value:e}")));
-    }
-
-    /// Adds the root mean square and the maximum of a deviation.
-    fn deviation(&mut self, head: &str, end: &str, value: impl Fn(&Run) -> Option<Deviation> + Copy + 'a) {
-        self.number(format!("{head}_rms{end}"), move |run| value(run).map(|d| d.rms));
-        self.number(format!("{head}_max{end}"), move |run| value(run).map(|d| d.max));
-    }
-
-    /// Adds the deviations of the three parts of a run.
-    fn parts(&mut self, head: &str, values: fn(&Run) -> Option<Parts<Deviation>>) {
-        self.deviation(head, "_first_impact", move |run| values(run)?.first_impact);
-        self.deviation(head, "_second_impact", move |run| values(run)?.second_impact);
-        self.deviation(head, "", move |run| Some(values(run)?.end));
-    }
-}
-
-/// Returns whether a run is not told from its limit or, in a study without limits, from the floor.
-fn is_at_floor(run: &Run, floor: Option<&Floor>) -> bool {
-    run.at_floor || run.time.is_none() && floor.is_some_and(|floor| run.whole_error < floor.deflection)
-}
-
-impl<'a, T> TableColumns<'a, T> {
-    /// Adds the root mean squares of the three parts of a run, of which the first has this head.
-    fn impacts(&mut self, head: &str, values: impl Fn(&T) -> Parts<Deviation> + Copy + 'a) {
-        self.add(head, move |item| small(values(item).first_impact.map(|d| d.rms)));
-        self.add("\nimpact 2", move |item| small(values(item).second_impact.map(|d| d.rms)));
-        self.add("\nend", move |item| small(Some(values(item).end.rms)));
-    }
-}
-
-/// Returns the name of the error that ranks runs.
-fn axis_words(axis: Axis) -> &'static str {
-    match axis {
-        Axis::Time => "error in time",
-        Axis::Whole => "whole error",
-    }
-}
-
-/// Cheapest run that reaches an accuracy.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct CheapestRun {
-    /// Runs that are compared, and the error that ranks them.
-    among: String,
-    /// Required relative accuracy.
-    accuracy: f64,
-    /// Name of the run; `None` if none reaches the accuracy.
-    run: Option<String>,
-    /// Time of the run, in s.
-    seconds: Option<f64>,
-    /// Relative error of the run, or the least error of all if none reaches the accuracy.
-    error: Option<f64>,
-}
-
-impl Accuracy {
-    /// Returns the content of `study.json`: the study with its evaluation, given the command that
-    /// made it, the scene with every default filled in, and its hash.
-    pub fn summary(&self, command: &str, resolved: &Scene, scene: &str) -> Value {
-        let mut summary = json!({
-            "program": env!("CARGO_PKG_NAME"),
-            "version": env!("CARGO_PKG_VERSION"),
-            "command": command,
-            "scene": scene,
-            "resolved": resolved,
-        });
-        let evaluation = json!({
-            "cheapest": self.cheapest(),
-            "time_orders": self.time_orders(),
-            "space_orders": self.space_orders(),
-            "floor": self.floor(),
-            "advice": self.advice(),
-        });
-        for part in [json!(self), evaluation] {
-            let entries = part.as_object().into_iter().flatten();
-            entries.for_each(|(key, value)| summary[key] = value.clone());
-        }
-        summary
-    }
-
-    /// Reads an unfinished study of the same scene from a `study.json`; `None` for any other.
-    pub fn stopped(json: &[u8], scene: &str) -> Option<Accuracy> {
-        #[derive(Deserialize)]
-        struct Stopped {
-            version: String,
-            scene: String,
-            #[serde(flatten)]
-            accuracy: Accuracy,
-        }
-        let stopped: Stopped = serde_json::from_slice(json).ok()?;
-        let same = stopped.version == env!("CARGO_PKG_VERSION") && stopped.scene == scene;
-        (same && !stopped.accuracy.complete).then_some(stopped.accuracy)
-    }
-
-    /// Returns the cheapest run at each accuracy.
-    ///
-    /// On each mesh the [error that ranks](Accuracy::ranked_on) its runs counts, then among all
-    /// runs the whole error.
-    pub fn cheapest(&self) -> Vec<CheapestRun> {
-        let words = horizon_words(self.until);
-        let on_mesh = |mesh: &String| {
-            let (runs, axis) = self.ranked_on(mesh);
-            (format!("cheapest on {mesh}: {}, {words}", axis_words(axis)), runs, axis)
-        };
-        let mut groups: Vec<(String, Vec<&Run>, Axis)> = self.meshes().iter().map(on_mesh).collect();
-        let heading = format!("cheapest of all: error in time and space, {words}");
-        groups.push((heading, self.runs.iter().collect(), Axis::Whole));
-        let choices = |(among, runs, axis): (String, Vec<&Run>, Axis)| {
-            let front = front(&runs, axis);
-            ACCURACIES.map(|accuracy| {
-                let run = front.iter().find(|run| axis.error(run) <= accuracy).copied();
-                CheapestRun {
-                    among: among.clone(),
-                    accuracy,
-                    run: run.map(|run| run.case.to_string()),
-                    seconds: run.map(Run::seconds),
-                    error: run.or(front.last().copied()).map(|run| axis.error(run)),
-                }
-            })
-        };
-        groups.into_iter().flat_map(choices).collect()
     }
 }
