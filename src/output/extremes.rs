@@ -38,15 +38,8 @@ pub fn write(folder: &Path, envelope: &Envelope, end: f64, [rank, ranks]: [usize
         Array::floats("time", 1, Precision::Double, time.iter().copied()),
     ];
     let arrays = [point_data.iter().map(Array::kind).collect(), Vec::new()];
-    let grid = Grid {
-        time: end,
-        points,
-        cells,
-        point_data,
-        cell_data: Vec::new(),
-        precision: Precision::Double,
-        balls: Vec::new(),
-    };
+    let precision = Precision::Double;
+    let grid = Grid { time: end, points, cells, point_data, precision, ..Grid::default() };
     if ranks > 1 {
         let pieces = folder.join(vtu::FOLDER);
         fs::create_dir_all(&pieces).map_err(Error::io(&pieces))?;
@@ -56,7 +49,7 @@ pub fn write(folder: &Path, envelope: &Envelope, end: f64, [rank, ranks]: [usize
         return Ok(());
     }
     let pieces: Vec<String> = (0..ranks).map(|rank| piece(rank, ranks)).collect();
-    write_atomic(&folder.join(PARALLEL), parallel(&pieces, &arrays, Precision::Double).as_bytes())
+    write_atomic(&folder.join(PARALLEL), parallel(&pieces, &arrays, precision).as_bytes())
 }
 
 /// Removes the files of an earlier run.

@@ -4,7 +4,7 @@
 //! through the modes. `displacement` is (0, 0, w) for the warp filter, with 1 as the largest |w|.
 //! The grids have the format of [snapshots](super::vtu).
 
-use super::vtk_xml::{Array, DIALECT, Grid, HEADER, Precision};
+use super::vtk_xml::{Array, Grid, Precision, collection};
 use super::vtu::Surface;
 use super::write_atomic;
 use crate::error::{Error, Result};
@@ -23,7 +23,7 @@ pub const FOLDER: &str = "modes";
 pub fn write<'s>(folder: &Path, modes: impl Iterator<Item = (f64, &'s Surface)>) -> Result<()> {
     let shapes = folder.join(FOLDER);
     fs::create_dir_all(&shapes).map_err(Error::io(&shapes))?;
-    let mut index = format!("{HEADER}<VTKFile type=\"Collection\" {DIALECT}>\n<Collection>\n");
+    let mut files = Vec::new();
     for (number, (frequency, Surface { points, cells, parents, deflection, .. })) in modes.enumerate() {
         let name = format!("mode-{:03}.vtu", number + 1);
         let precision = Precision::Double;
@@ -36,18 +36,10 @@ pub fn write<'s>(folder: &Path, modes: impl Iterator<Item = (f64, &'s Surface)>)
             Array::integers("cell", parents.iter().copied()),
             Array::floats("frequency", 1, precision, parents.iter().map(|_| frequency)),
         ];
-        let grid = Grid {
-            time: number as f64 + 1.0,
-            points,
-            cells,
-            point_data,
-            cell_data,
-            precision,
-            balls: Vec::new(),
-        };
+        let time = number as f64 + 1.0;
+        let grid = Grid { time, points, cells, point_data, cell_data, precision, ..Grid::default() };
         write_atomic(&shapes.join(&name), &grid.file())?;
-        index += &format!("<DataSet timestep=\"{}\" part=\"0\" file=\"{FOLDER}/{name}\"/>\n", number + 1);
+        files.push((time, format!("{FOLDER}/{name}")));
     }
-    index += "</Collection>\n</VTKFile>\n";
-    write_atomic(&folder.join(FILE), index.as_bytes())
+    write_atomic(&folder.join(FILE), collection(files.into_iter()).as_bytes())
 }

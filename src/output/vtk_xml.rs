@@ -9,8 +9,8 @@ use std::io::{self, Read, Write};
 const TRIANGLE: u8 = 5;
 const QUADRILATERAL: u8 = 9;
 
-pub(super) const HEADER: &str = "<?xml version=\"1.0\"?>\n";
-pub(super) const DIALECT: &str = "version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" \
+const HEADER: &str = "<?xml version=\"1.0\"?>\n";
+const DIALECT: &str = "version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\" \
                                   compressor=\"vtkZLibDataCompressor\"";
 
 /// Bits of the numbers of a grid.
@@ -68,6 +68,7 @@ impl Array {
 }
 
 /// Grid of triangles and quadrilaterals with its data.
+#[derive(Default)]
 pub(super) struct Grid<'g> {
     /// Time, in s.
     pub time: f64,
@@ -93,22 +94,14 @@ impl Grid<'_> {
         });
         let shape = |cell: &Vec<usize>| if cell.len() == 3 { TRIANGLE } else { QUADRILATERAL };
         let types = cells.iter().map(shape).collect();
-        let sections = [
-            ("PointData", point_data),
-            ("CellData", cell_data),
-            (
-                "Points",
-                vec![Array::floats("position", 3, precision, points.iter().flat_map(|&[x, y]| [x, y, 0.0]))],
-            ),
-            (
-                "Cells",
-                vec![
-                    Array::integers("connectivity", cells.iter().flatten().copied()),
-                    Array::integers("offsets", ends),
-                    Array { name: "types", kind: "UInt8", components: 1, bytes: types },
-                ],
-            ),
+        let position = Array::floats("position", 3, precision, points.iter().flat_map(|&[x, y]| [x, y, 0.0]));
+        let corners = vec![
+            Array::integers("connectivity", cells.iter().flatten().copied()),
+            Array::integers("offsets", ends),
+            Array { name: "types", kind: "UInt8", components: 1, bytes: types },
         ];
+        let of_mesh = [("Points", vec![position]), ("Cells", corners)];
+        let sections = [("PointData", point_data), ("CellData", cell_data)].into_iter().chain(of_mesh);
         let (points, cells) = (points.len(), cells.len());
         let mut text = format!("{HEADER}<VTKFile type=\"UnstructuredGrid\" {DIALECT}>\n<UnstructuredGrid>\n");
         text += &format!(
@@ -172,6 +165,15 @@ pub(super) fn unpacked(data: &[u8]) -> io::Result<Vec<u8>> {
 
 /// Name, type and number of components of a data array.
 pub(super) type ArrayKind = (&'static str, &'static str, usize);
+
+/// Formats the index of files in the run folder, each with its time.
+pub(super) fn collection(files: impl Iterator<Item = (f64, String)>) -> String {
+    let line = |(time, file)| format!("<DataSet timestep=\"{time}\" part=\"0\" file=\"{file}\"/>\n");
+    let lines: String = files.map(line).collect();
+    format!(
+        "{HEADER}<VTKFile type=\"Collection\" {DIALECT}>\n<Collection>\n{lines}</Collection>\n</VTKFile>\n"
+    )
+}
 
 /// Formats the file that lists the pieces of all ranks.
 pub(super) fn parallel(

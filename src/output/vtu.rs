@@ -31,7 +31,7 @@
 //!
 //! `gap`, `floor`, `ceiling` and `reaction` exist where the scene has obstacles.
 
-use super::vtk_xml::{Array, ArrayKind, DIALECT, Grid, HEADER, Precision, parallel, unpacked};
+use super::vtk_xml::{Array, ArrayKind, Grid, Precision, collection, parallel, unpacked};
 use super::{if_there, remove, sweep, write_atomic};
 use crate::error::{Error, Result};
 use crate::hash::Extent;
@@ -149,13 +149,8 @@ impl Series {
     }
 
     fn write_index(&self) -> Result<()> {
-        let mut index = format!("{HEADER}<VTKFile type=\"Collection\" {DIALECT}>\n<Collection>\n");
-        let files =
-            self.snapshots.iter().filter_map(|snapshot| Some((snapshot.time, snapshot.files.last()?)));
-        for (time, (file, _)) in files {
-            index += &format!("<DataSet timestep=\"{time}\" part=\"0\" file=\"{file}\"/>\n");
-        }
-        index += "</Collection>\n</VTKFile>\n";
+        let file = |snapshot: &SnapshotFiles| Some((snapshot.time, snapshot.files.last()?.0.clone()));
+        let index = collection(self.snapshots.iter().filter_map(file));
         write_atomic(&self.folder.join(FILE), index.as_bytes())
     }
 
