@@ -134,8 +134,8 @@ pub struct DofMap {
     factors: HashMap<usize, f64>,
     count: usize,
     extra: usize,
-    /// Dof and node of each tip of a compliant stop.
-    tips: Vec<(usize, usize)>,
+    /// Dof and node of each tip of a compliant stop, in the order in which they were given.
+    pub(crate) tips: Vec<(usize, usize)>,
 }
 
 impl DofMap {
@@ -281,11 +281,6 @@ impl DofMap {
             self.extra += 1;
         }
         self
-    }
-
-    /// Returns dof and node of the tips of compliant stops, in the order in which they were given.
-    pub fn tips(&self) -> &[(usize, usize)] {
-        &self.tips
     }
 
     /// Returns the index of an extra dof after the nodes' dofs.

@@ -47,7 +47,7 @@ fn same_input(context: &Context, scene: Option<&Identity>) -> Result<()> {
         ("PETSC_OPTIONS", format!("{:?}", std::env::var_os("PETSC_OPTIONS"))),
     ];
     let prints = parts.clone().map(|(_, text)| hash::fnv1a(text.into_bytes()));
-    let prints = context.everyone().all_gather_one(prints);
+    let prints = context.everyone.all_gather_one(prints);
     for (part, (name, _)) in parts.iter().enumerate() {
         if let Some(rank) = prints.iter().position(|prints_there| prints_there[part] != prints[0][part]) {
             return Err(Error::Usage(format!(

@@ -240,7 +240,7 @@ impl SweepArgs {
             return Err(Error::Usage(wrong));
         }
         let context = ranks::start(&self.scene.petsc, ranks, &identity)?;
-        let everyone = context.everyone();
+        let everyone = &context.everyone;
         let speaks = everyone.rank() == 0;
         let sweep = || {
             let (folder, hash) = (self.folder(), scene.hash());

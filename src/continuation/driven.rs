@@ -70,7 +70,7 @@ impl<'b> Driven<'b> {
     fn pass(&mut self, state: &[f64], key: f64, is_measured: bool) -> Result<(Passage, Option<Orbit>)> {
         let scene = (self.build)(key)?;
         let (mut map, period) = self.map(&scene)?;
-        let turn = self.turn(&scene.model.system, map.modes())?;
+        let turn = self.turn(&scene.model.system, &map.modes)?;
         let product = |turn: &Mat<f64>| (turn * ColRef::from_slice(state)).iter().copied().collect();
         let start = turn.as_ref().map_or_else(|| state.to_vec(), product);
         let (mut passage, orbit) = if is_measured {
@@ -143,7 +143,7 @@ impl Family for Driven<'_> {
             state = map.pass(&state, false, &mut |_| {})?.end;
         }
         self.candidates = map.candidates().to_vec();
-        let modes = map.modes();
+        let modes = &map.modes;
         self.reference =
             Some(ReferenceModes { shapes: modes.shapes.clone(), factors: factors(&modes.squares) });
         state.push(key);

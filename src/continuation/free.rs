@@ -55,7 +55,7 @@ impl<'s> Free<'s> {
         if map.is_damped() {
             return Err(refused("is damped", "no [damping]"));
         }
-        let squares = &map.modes().squares;
+        let squares = &map.modes.squares;
         let elastic = squares.iter().filter(|square| **square > 0.0).count();
         if mode == 0 || mode > elastic {
             return Err(Error::Usage(format!("--mode {mode}: expected a number from 1 to {elastic}")));

@@ -57,7 +57,7 @@ impl Cascade {
     /// Returns the errors of PETSc.
     pub fn new(context: &Rc<Context>, coarse: &[Matrix], hierarchy: &Hierarchy) -> Result<Cascade> {
         let interpolations = hierarchy.interpolations();
-        let smoother = hierarchy.smoother();
+        let smoother = hierarchy.smoother;
         let mesh = |(number, matrix)| CoarseMesh::new(context, matrix, &interpolations[..number], smoother);
         let meshes = coarse.iter().enumerate().map(mesh).collect::<Result<_>>()?;
         Ok(Cascade { context: context.clone(), meshes })

@@ -97,7 +97,7 @@ impl Distributed {
                 }
             }
         }
-        for &(tip, node) in part.space.tips() {
+        for &(tip, node) in &part.space.tips {
             if let Some(tip) = self.own_dof(tip) {
                 let point = part.mesh.nodes[node];
                 self.rigid.iter_mut().zip([1.0, point.x, point.y]).for_each(|(rigid, w)| rigid[tip] = w);

@@ -215,7 +215,7 @@ fn solver(
     let levels = match hierarchy {
         Some(hierarchy) => {
             let interpolations = hierarchy.interpolations();
-            Some(solver.default_to_multigrid(matrix, &interpolations, hierarchy.smoother())?)
+            Some(solver.default_to_multigrid(matrix, &interpolations, hierarchy.smoother)?)
         }
         None => {
             solver.default_to_cholesky()?;
@@ -303,7 +303,7 @@ impl CascadeFactor for PetscFactor {
         let cascade = self.cascade.insert(cascade);
         self.right.set_local(b)?;
         // An iteration that gives up on a coarse mesh suggests nothing, and harms no answer.
-        let answer = cascade.find(hierarchy.steps(), &self.right, bounded, &mut self.solution, sides);
+        let answer = cascade.find(&hierarchy.steps, &self.right, bounded, &mut self.solution, sides);
         if answer.is_ok() {
             self.solution.copy_to(x)?;
         }

@@ -32,8 +32,9 @@ const SYMMETRIC: f64 = 1e-9;
 /// Interpolation from level to level of the meshes that a refinement has passed.
 pub struct Hierarchy {
     /// Steps to each mesh from the next coarser one, coarsest first.
-    steps: Vec<Step>,
-    smoother: Smoother,
+    pub(super) steps: Vec<Step>,
+    /// Smoother that suits the elements of the meshes.
+    pub(super) smoother: Smoother,
 }
 
 /// Step from a mesh to the next finer one.
@@ -97,16 +98,6 @@ impl Hierarchy {
         };
         let steps = first.steps.iter().zip(&second.steps).map(step).collect::<Result<_>>()?;
         Ok(Hierarchy { steps, smoother: first.smoother })
-    }
-
-    /// Returns the smoother that suits the elements of the meshes.
-    pub(super) fn smoother(&self) -> Smoother {
-        self.smoother
-    }
-
-    /// Returns the step to each mesh from the next coarser one, coarsest first.
-    pub(super) fn steps(&self) -> &[Step] {
-        &self.steps
     }
 
     /// Returns the interpolation to each mesh from the next coarser one, coarsest first.
@@ -290,7 +281,7 @@ struct Entries<'e> {
 impl<'e> Entries<'e> {
     fn new(coarse: &'e Level, fine: &'e Level) -> Result<Self> {
         let mut tips = HashMap::<usize, Vec<usize>>::new();
-        fine.space.tips().iter().for_each(|&(dof, node)| tips.entry(node).or_default().push(dof));
+        fine.space.tips.iter().for_each(|&(dof, node)| tips.entry(node).or_default().push(dof));
         Ok(Entries {
             positions: [fine.plex.global_dofs()?, coarse.plex.global_dofs()?],
             owned: [fine.plex.global_vector()?.range(), coarse.plex.global_vector()?.range()],

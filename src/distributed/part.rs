@@ -93,7 +93,7 @@ impl Part {
             plex.label(EDGE, value, points)?;
         }
         let edges = SIDES.map(String::from).to_vec();
-        let names = Names { edges, elements: grid.element().into(), ..Names::default() };
+        let names = Names { edges, elements: grid.kind.into(), ..Names::default() };
         Part::build(plex, &names, refinements.into(), supports, extra, tips)
     }
 
@@ -196,7 +196,7 @@ fn share(context: &Rc<Context>, grid: &Grid) -> Result<Plex> {
     let mine = |count: usize| count * rank / size..count * (rank + 1) / size;
     let [columns, rows] = grid.blocks(size).swap_remove(rank);
     let rectangles = rows.flat_map(|row| columns.clone().map(move |column| (column, row)));
-    let [length, _] = grid.divisions();
+    let [length, _] = grid.cells;
     let cells: Vec<Cell> = rectangles.flat_map(|(column, row)| grid.cells(row * length + column)).collect();
     let corners = grid.cells(0).next().map_or(0, |cell| cell.nodes().len());
     let nodes: Vec<Index> = cells.iter().flat_map(|cell| cell.nodes().to_vec()).map(|n| n as Index).collect();

@@ -180,11 +180,12 @@ impl<'a> Row<'a> {
 /// All cells of a form in batches, shared by forms over the same cells.
 #[derive(Debug)]
 pub(crate) struct Batches {
-    cells: Vec<Cell>,
+    /// Cells of the batches.
+    pub cells: Vec<Cell>,
     /// Batches of eight cells.
     list: Vec<Batch>,
     /// Cells whose local values make up each panel, lane by lane.
-    panels: Vec<[usize; LANES]>,
+    pub panels: Vec<[usize; LANES]>,
     /// Largest number of local dofs.
     pub width: usize,
 }
@@ -244,16 +245,6 @@ impl Batches {
                 size => product(batch, size),
             }
         }
-    }
-
-    /// Returns the numbers of the cells of each panel.
-    pub fn panels(&self) -> &[[usize; LANES]] {
-        &self.panels
-    }
-
-    /// Returns whether the batches contain exactly these cells.
-    pub fn are_of(&self, cells: &[Cell]) -> bool {
-        self.cells == cells
     }
 
     /// Sorts the cells of a class by the offset of their dofs from the dofs of the cell that has

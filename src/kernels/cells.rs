@@ -136,33 +136,25 @@ fn rows_product<S: Simd, const ROWS: usize, const MAGNITUDE: bool>(
 /// Symmetric form given by dense local matrices, such as K or M_r.
 #[derive(Debug, Clone)]
 pub struct CellForm {
-    batches: Rc<Batches>,
+    /// Batches of the cells.
+    pub(crate) batches: Rc<Batches>,
     panels: Rc<[Panel]>,
-    blocks: Rc<[ElementMatrix]>,
+    /// Contributions of the cells, for assembly.
+    pub(crate) blocks: Rc<[ElementMatrix]>,
 }
 
 impl CellForm {
     /// Collects the cells' local matrices, given the batches of the cells.
     pub(crate) fn new(batches: Rc<Batches>, blocks: impl Into<Rc<[ElementMatrix]>>) -> CellForm {
         let blocks = blocks.into();
-        let panels = batches.panels().iter().map(|cells| Panel::new(cells.map(|cell| &blocks[cell])));
+        let panels = batches.panels.iter().map(|cells| Panel::new(cells.map(|cell| &blocks[cell])));
         let panels = panels.collect();
         CellForm { batches, panels, blocks }
-    }
-
-    /// Returns the batches of the cells.
-    pub(crate) fn batches(&self) -> &Rc<Batches> {
-        &self.batches
     }
 
     /// Returns the local matrices of a batch.
     #[inline(always)]
     pub(crate) fn panel(&self, batch: &Batch) -> &Panel {
         &self.panels[batch.panel]
-    }
-
-    /// Returns the cells' contributions, for assembly.
-    pub fn blocks(&self) -> &[ElementMatrix] {
-        &self.blocks
     }
 }

@@ -88,9 +88,11 @@ impl MassPanel {
 /// Singular mass `$M = B^T C^{-1} B$`, with one average velocity per cell.
 #[derive(Debug, Clone)]
 pub struct SingularMassCells {
-    batches: Rc<Batches>,
+    /// Batches of the cells.
+    pub(crate) batches: Rc<Batches>,
     panels: Rc<[MassPanel]>,
-    masses: Rc<[f64]>,
+    /// Diagonal of C, the masses of the cells, in kg.
+    pub(crate) masses: Rc<[f64]>,
     rows: Rc<[SingularMassCell]>,
 }
 
@@ -98,15 +100,10 @@ impl SingularMassCells {
     /// Collects the rows of B and the diagonal of C, given the batches of the cells.
     pub(crate) fn new(batches: Rc<Batches>, rows: impl Into<Rc<[SingularMassCell]>>) -> SingularMassCells {
         let rows = rows.into();
-        let panels = batches.panels().iter().map(|cells| MassPanel::new(cells.map(|cell| &rows[cell])));
+        let panels = batches.panels.iter().map(|cells| MassPanel::new(cells.map(|cell| &rows[cell])));
         let panels = panels.collect();
         let masses = rows.iter().map(|row| row.mass).collect();
         SingularMassCells { batches, panels, masses, rows }
-    }
-
-    /// Returns the batches of the cells.
-    pub(crate) fn batches(&self) -> &Rc<Batches> {
-        &self.batches
     }
 
     /// Returns the rows of B of a batch.
@@ -123,11 +120,6 @@ impl SingularMassCells {
     /// Returns the number of cells.
     pub fn cells(&self) -> usize {
         self.rows.len()
-    }
-
-    /// Returns the diagonal of C, the masses of the cells, in kg.
-    pub fn masses(&self) -> &[f64] {
-        &self.masses
     }
 
     /// Computes V = C^-1 B x.

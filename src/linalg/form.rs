@@ -39,10 +39,10 @@ impl Form {
     /// bit.
     pub fn equals(&self, other: &Form) -> bool {
         match (self, other) {
-            (Form::Cells(cells), Form::Cells(other)) => cells.blocks() == other.blocks(),
+            (Form::Cells(cells), Form::Cells(other)) => cells.blocks == other.blocks,
             (Form::SingularMassCells(cells), Form::SingularMassCells(other)) => cells.rows() == other.rows(),
             (Form::Modal { consistent, modes }, Form::Modal { consistent: cells, modes: others }) => {
-                consistent.blocks() == cells.blocks()
+                consistent.blocks == cells.blocks
                     && modes.squares == others.squares
                     && modes.shapes == others.shapes
             }
@@ -57,7 +57,7 @@ impl Form {
     ) {
         match self {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                for ElementMatrix { dofs, matrix, .. } in cells.blocks() {
+                for ElementMatrix { dofs, matrix, .. } in &*cells.blocks {
                     visit(dofs, &|i, j| matrix[i * dofs.len() + j]);
                 }
             }
@@ -80,7 +80,7 @@ impl Form {
     pub(super) fn for_each_lower_twice(&self, mut visit: impl FnMut(usize, usize, DoubleDouble)) {
         match self {
             Form::Cells(cells) | Form::Modal { consistent: cells, .. } => {
-                for ElementMatrix { dofs, matrix, bending, .. } in cells.blocks() {
+                for ElementMatrix { dofs, matrix, bending, .. } in &*cells.blocks {
                     match bending {
                         None => visit_lower(dofs, |i, j| matrix[i * dofs.len() + j].into(), &mut visit),
                         Some(bending) => {
@@ -104,8 +104,8 @@ impl Form {
 
     fn batches(&self) -> &Rc<Batches> {
         match self {
-            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => cells.batches(),
-            Form::SingularMassCells(averages) => averages.batches(),
+            Form::Cells(cells) | Form::Modal { consistent: cells, .. } => &cells.batches,
+            Form::SingularMassCells(averages) => &averages.batches,
         }
     }
 

@@ -228,7 +228,7 @@ pub trait Engine: Sized {
         match mass {
             Form::Cells(_) => self.multiply(mass, v, &mut vec![0.0; v.len()]),
             Form::SingularMassCells(averages) => {
-                let sum: f64 = averages.masses().iter().zip(v).map(|(c, v)| c * v * v).sum();
+                let sum: f64 = averages.masses.iter().zip(v).map(|(c, v)| c * v * v).sum();
                 Ok(self.comm().all_reduce_sum(sum))
             }
             Form::Modal { .. } => Ok(dot(v, v)),

@@ -72,7 +72,7 @@ impl Native {
     fn batches(&self, cells: Vec<Cell>) -> Rc<Batches> {
         let mut last = self.batches.borrow_mut();
         match &*last {
-            Some(batches) if batches.are_of(&cells) => batches.clone(),
+            Some(batches) if batches.cells == cells => batches.clone(),
             _ => {
                 let batches = Rc::new(Batches::new(&self.layout, cells));
                 self.workspace.borrow_mut().reserve(&batches);

@@ -363,7 +363,7 @@ impl LaneLevels {
             &mut r,
         );
         let largest = bounds.clone().map(|i| u[i].0[lane].abs()).fold(data.magnitude.0[lane], f64::max);
-        if !solver.active().is_empty() {
+        if !solver.active.is_empty() {
             kkt.0[lane] += if solver.residual == 0.0 { 0.0 } else { solver.residual / largest };
             exchanges.0[lane] = f64::from(solver.iterations);
         }

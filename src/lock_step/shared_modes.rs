@@ -52,7 +52,7 @@ impl<'s> SharedModes<'s> {
     /// dofs.
     pub fn fit(&self, other: &System<Native>) -> bool {
         let System { stiffness, mass, damping, bounds, .. } = self.system;
-        let rates = |system: &System<Native>| system.drive.modal.as_ref().map(|modal| modal.rates().to_vec());
+        let rates = |system: &System<Native>| system.drive.modal.as_ref().map(|modal| modal.rates.clone());
         let are_same = *damping == other.damping && bounds.dofs == other.bounds.dofs;
         is_plain(other)
             && are_same

@@ -15,7 +15,7 @@ impl Grid {
     /// than rectangles, some are empty.
     pub fn blocks(&self, parts: usize) -> Vec<[Range<usize>; 2]> {
         let mut blocks = Vec::with_capacity(parts);
-        let [nx, ny] = self.divisions();
+        let [nx, ny] = self.cells;
         divide([0..nx, 0..ny], parts, &mut blocks);
         blocks
     }

@@ -97,7 +97,7 @@ impl Grid {
     pub fn has_nodes(&self, marks: &[(String, Mark)]) -> bool {
         let end = self.node(self.nodes() - 1);
         let corners = [Point::origin(), Point::new(end.x, 0.0), Point::new(0.0, end.y), end];
-        let [nx, ny] = self.divisions();
+        let [nx, ny] = self.cells;
         // Whether the nearest line of nodes is near enough.
         let on = |axis: usize, value: f64, near: f64| {
             let count = [nx, ny][axis] as f64;

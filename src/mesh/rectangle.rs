@@ -28,8 +28,10 @@ const MOST_NODES: usize = i32::MAX as usize / 3;
 #[derive(Clone, Copy, Debug)]
 pub struct Grid {
     sides: [f64; 2],
-    cells: [usize; 2],
-    kind: ElementKind,
+    /// Numbers of rectangles along x and y.
+    pub(crate) cells: [usize; 2],
+    /// Element that the cells carry.
+    pub(crate) kind: ElementKind,
     diagonal: Diagonal,
 }
 
@@ -64,11 +66,6 @@ impl Grid {
         Grid::new(self.sides, self.cells.map(|count| count >> times), self.kind, self.diagonal)
     }
 
-    /// Returns the element that the cells carry.
-    pub fn element(&self) -> ElementKind {
-        self.kind
-    }
-
     /// Returns the number of nodes.
     pub fn nodes(&self) -> usize {
         (self.cells[0] + 1) * (self.cells[1] + 1)
@@ -78,11 +75,6 @@ impl Grid {
     pub fn node(&self, number: usize) -> Point {
         let ([length, width], [nx, ny]) = (self.sides, self.cells);
         Point::new(division(length, number % (nx + 1), nx), division(width, number / (nx + 1), ny))
-    }
-
-    /// Returns the number of rectangles along x and y.
-    pub fn divisions(&self) -> [usize; 2] {
-        self.cells
     }
 
     /// Returns the number of rectangles.

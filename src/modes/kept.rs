@@ -104,7 +104,7 @@ fn key<E: Engine>(engine: &E, forms: [&Form; 2], range: ModeRange, mechanism: bo
     let mut product = vec![0.0; engine.dofs()];
     for form in forms {
         if let Form::Cells(cells) = form {
-            add_cells(&mut hash, cells.blocks());
+            add_cells(&mut hash, &cells.blocks);
         }
         let value = engine.multiply(form, &x, &mut product)?;
         hash.add_numbers(&product);

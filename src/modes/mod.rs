@@ -133,7 +133,7 @@ pub fn highest(engine: &Native, stiffness: &Form, mass: &Form) -> Result<f64> {
             w.copy_from_slice(v);
             match mass {
                 Form::Cells(_) => engine.project_transpose(mass, v, w)?,
-                Form::SingularMassCells(averages) => hadamard(averages.masses(), w),
+                Form::SingularMassCells(averages) => hadamard(&averages.masses, w),
                 Form::Modal { .. } => {}
             }
             Ok(())

@@ -197,7 +197,7 @@ impl Tables {
         Ok(Outputs {
             history: self.history.position()?,
             tables: tables.collect::<Result<_>>()?,
-            snapshots: fields.snapshots().to_vec(),
+            snapshots: fields.snapshots.clone(),
         })
     }
 

@@ -66,7 +66,8 @@ pub struct Series {
     /// This rank's piece of the last snapshot, and its arrays at points and of cells.
     last: Extent,
     arrays: [Vec<ArrayKind>; 2],
-    snapshots: Vec<SnapshotFiles>,
+    /// Snapshots so far.
+    pub(super) snapshots: Vec<SnapshotFiles>,
 }
 
 impl Series {
@@ -100,11 +101,6 @@ impl Series {
             }
         }
         Ok(())
-    }
-
-    /// Returns the snapshots so far.
-    pub fn snapshots(&self) -> &[SnapshotFiles] {
-        &self.snapshots
     }
 
     /// Returns what this rank wrote of the last snapshot.

@@ -36,8 +36,8 @@ pub enum Comm {
 pub struct Context {
     /// Communicator of the ranks that work together, dropped after PETSc has ended.
     comm: WorldComm,
-    /// Communicator of all ranks.
-    everyone: WorldComm,
+    /// Communicator of all ranks, of which the own group may be a part.
+    pub(crate) everyone: WorldComm,
     /// Names of the options that the program set as defaults, which may remain unused.
     pub(super) ours: RefCell<BTreeSet<String>>,
     /// Options prefixes of the solvers created so far.
@@ -135,11 +135,6 @@ impl Context {
     /// Returns the communicator of the ranks that work together.
     pub fn comm(&self) -> &WorldComm {
         &self.comm
-    }
-
-    /// Returns the communicator of all ranks, of which the own group may be a part.
-    pub fn everyone(&self) -> &WorldComm {
-        &self.everyone
     }
 
     /// Returns the number of the own group of ranks, from 0, and the number of groups.

@@ -63,7 +63,7 @@ pub struct ModalDamping {
     /// Products M phi, one vector per mode.
     momenta: Vec<Vec<f64>>,
     /// Decay rates `$2 \zeta w$`, in 1/s.
-    rates: Vec<f64>,
+    pub(crate) rates: Vec<f64>,
 }
 
 /// Largest `$\zeta w \Delta t$` accepted.
@@ -90,11 +90,6 @@ impl ModalDamping {
     /// `$2 \zeta w$` in 1/s.
     pub fn of_rates(rates: Vec<f64>) -> ModalDamping {
         ModalDamping { rates, ..ModalDamping::default() }
-    }
-
-    /// Returns the decay rates `$2 \zeta w$` of the damped modes, in 1/s.
-    pub fn rates(&self) -> &[f64] {
-        &self.rates
     }
 
     /// Returns an error where the step `dt` (s) is too long for the damped modes.

@@ -115,7 +115,7 @@ impl<E: Engine> System<E> {
         let mut rates: Vec<f64> = modes.squares.iter().map(|square| mass + stiffness * square).collect();
         if let Some(modal) = &self.drive.modal {
             let elastic = rates.iter_mut().zip(&modes.squares).filter(|(_, square)| **square > 0.0);
-            elastic.zip(modal.rates()).for_each(|((rate, _), more)| *rate += more);
+            elastic.zip(&modal.rates).for_each(|((rate, _), more)| *rate += more);
         }
         rates
     }

@@ -376,7 +376,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
                 ..StepReport::default()
             },
         };
-        self.has_product = product.is_known && self.solver.has_accurate_products();
+        self.has_product = product.is_known && self.solver.has_accurate_products;
         Ok(())
     }
 

@@ -184,7 +184,7 @@ impl Fields {
             motion: motion.clone(),
             tables,
             deflections: (0..mesh.nodes.len()).map(|node| space.deflection(node)).collect(),
-            tips: space.tips().to_vec(),
+            tips: space.tips.clone(),
             obstacles: Vec::new(),
             stresses: None,
             balls: Vec::new(),

@@ -18,7 +18,8 @@ use std::rc::Rc;
 pub(super) struct MembraneForces<'g> {
     in_plane: Option<&'g InPlane>,
     solved: Option<SolvedForces<'g>>,
-    following: Option<Rc<FollowingMembrane>>,
+    /// Membrane of a plate that stretches.
+    pub following: Option<Rc<FollowingMembrane>>,
 }
 
 /// Forces by the equilibrium in the plane.
@@ -57,11 +58,6 @@ impl<'g> MembraneForces<'g> {
     /// Returns whether these forces are given, and do not follow from an equilibrium.
     pub fn are_given(&self) -> bool {
         self.solved.is_none()
-    }
-
-    /// Returns the membrane of a plate that stretches.
-    pub fn following(&self) -> Option<&Rc<FollowingMembrane>> {
-        self.following.as_ref()
     }
 
     /// Returns the components xx, yy and xy at a point of a cell of this process, in N/m.

@@ -105,7 +105,7 @@ impl<'s> PlateCurvatures<'s> {
         let body = PlateAssembly::new(scene, mesh, partition.comm())?;
         let parts = scene.parts.len() + 1;
         let recovery = Recovery::new(mesh, &ground.cells, &|cell| body.part(cell), parts, partition)?;
-        let following = ground.membrane.following().cloned();
+        let following = ground.membrane.following.clone();
         Ok(PlateCurvatures { membrane: ground.membrane.clone(), following, body, recovery, parts })
     }
 

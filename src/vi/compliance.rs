@@ -32,8 +32,9 @@ use pulp::Arch;
 pub struct ComplianceSolver {
     /// Contact status of each bounded dof in the last answer.
     pub sides: Vec<BoundStatus>,
-    /// Dofs in contact, and the factor of their compliance.
-    active: Vec<usize>,
+    /// Dofs in contact in the last answer, in the order in which they joined, and the factor of
+    /// their compliance.
+    pub(crate) active: Vec<usize>,
     factor: ActiveFactor,
     /// Reactions of the dofs in contact, in N, in the order of the factor.
     forces: Vec<f64>,
@@ -76,11 +77,6 @@ impl ComplianceSolver {
             magnitude: vec![0.0; size],
             ..ComplianceSolver::default()
         }
-    }
-
-    /// Returns the dofs in contact in the last answer, in the order in which they joined.
-    pub fn active(&self) -> &[usize] {
-        &self.active
     }
 
     /// Solves for the deflections x (m) and reactions r (N). Entries are NaN where the compliance

@@ -222,7 +222,7 @@ pub struct CheckedSolver<E: Engine> {
     solver: Box<dyn Solver<E>>,
     check: kkt::KktCheck,
     /// Whether products with the matrix lose few digits.
-    has_accurate_products: bool,
+    pub has_accurate_products: bool,
     /// Whether the caller feeds residuals forward, so that no answer needs a correction.
     feeds: bool,
     /// Time that corrections and feeding residuals have taken since digits were last added, or
@@ -274,12 +274,6 @@ impl<E: Engine> CheckedSolver<E> {
             correction: Correction::default(),
             solver,
         })
-    }
-
-    /// Returns whether products with the matrix are so accurate that they may be summed over steps,
-    /// and residuals fed forward.
-    pub fn has_accurate_products(&self) -> bool {
-        self.has_accurate_products
     }
 
     /// Returns whether rounding spoils the factored matrix, but so little that residuals fed

@@ -215,7 +215,7 @@ impl<'s, E: Engine> Kicks<'s, E> {
 fn momenta<E: Engine>(system: &System<E>, along: &[Vec<f64>], v: &[f64]) -> DVector<f64> {
     let Form::SingularMassCells(averages) = &system.mass else { return DVector::zeros(along.len()) };
     let weighted = |other: &Vec<f64>| {
-        other.iter().zip(averages.masses()).zip(v).map(|((other, mass), v)| other * mass * v).sum()
+        other.iter().zip(&*averages.masses).zip(v).map(|((other, mass), v)| other * mass * v).sum()
     };
     let parts: Vec<f64> = along.iter().map(weighted).collect();
     DVector::from_vec(system.engine.comm().all_reduce_sum_slice(&parts))

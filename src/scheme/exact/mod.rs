@@ -199,7 +199,7 @@ impl<'s, E: Engine> Exact<'s, E> {
             ),
             _ => {
                 let saddle = CellSaddlePoint::new(system)?;
-                (saddle.basis().clone(), Box::new(saddle))
+                (saddle.basis.clone(), Box::new(saddle))
             }
         };
         // A ball has no stiffness: its rows are measured by its inertia.

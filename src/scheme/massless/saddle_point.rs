@@ -59,7 +59,7 @@ pub(in crate::scheme) trait SaddlePointSolver {
 /// share no rigid motion and gives the same solution where B U is prescribed.
 pub(crate) struct CellSaddlePoint<'s, E: Engine> {
     system: &'s System<E>,
-    basis: Rc<VelocityBasis>,
+    pub basis: Rc<VelocityBasis>,
     shift: f64,
     factor: RefCell<Box<dyn Factor>>,
     /// Solution (K + s M)^-1 B~^T, n x N.
@@ -103,11 +103,6 @@ impl<'s, E: Engine> CellSaddlePoint<'s, E> {
         // Each row of (K + s M)^-1 B~^T is a vector of velocities.
         let columns = basis.narrow(columns.transpose().to_owned()).transpose().to_owned();
         Ok(CellSaddlePoint { system, basis: Rc::new(basis), shift, factor: factor.into(), columns, schur })
-    }
-
-    /// Returns the basis of the velocities.
-    pub fn basis(&self) -> &Rc<VelocityBasis> {
-        &self.basis
     }
 
     /// Returns one solution with the factor, without correction.

@@ -76,7 +76,7 @@ impl RelaxedStep for ContactStep<'_> {
 
     fn excess(&self) -> Result<[f64; 2]> {
         let ContactStep { now, gamma, .. } = self;
-        let active = self.contact.active().iter();
+        let active = self.contact.active.iter();
         let rest: f64 = active.map(|&i| 0.5 * now.reaction[i] * (now.x[i] - now.y[i])).sum();
         let stored = self.model.laws.stored_under(&now.reaction) + self.tips.stored(now);
         let dissipated = self.tips.dissipated(now, gamma * self.seconds);
@@ -94,7 +94,7 @@ impl RelaxedStep for ContactStep<'_> {
             (Some(change), _) => change.lower[i],
             (None, _) => 0.0,
         };
-        let active = self.contact.active();
+        let active = &self.contact.active;
         let rises: Vec<f64> = active.iter().map(|&i| moved(i) - self.dy[i]).collect();
         let rest: f64 = active.iter().zip(&rises).map(|(&i, rise)| self.now.reaction[i] * rise).sum();
         let dashpots = self.tips.slope(self.contact, self.now, rises, self.seconds, self.gamma);

@@ -49,7 +49,8 @@ const MOST_STEPS: usize = 1_000_000;
 /// Return map; see the [module page](self).
 pub struct ReturnMap<'s> {
     system: &'s System<Native>,
-    modes: Rc<MassModes>,
+    /// Modes of the plate.
+    pub(crate) modes: Rc<MassModes>,
     saddle: ModalSaddlePoint<'s, Native>,
     global: Rc<AllBounds>,
     /// Mode shapes at all bounds and at the candidates, one column each.
@@ -220,11 +221,6 @@ impl<'s> ReturnMap<'s> {
             }
         }
         Ok(())
-    }
-
-    /// Returns the modes.
-    pub fn modes(&self) -> &MassModes {
-        &self.modes
     }
 
     /// Returns whether loads, obstacles or supports change in time.

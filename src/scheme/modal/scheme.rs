@@ -205,7 +205,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let v = &self.shown().v;
         let mut rates = Rates { modes: v, data: None, reactions: Vec::new() };
         let contact = if self.ahead > 0.0 { &self.between().1 } else { &self.contact };
-        let active = contact.active();
+        let active = &contact.active;
         if active.is_empty() || self.record.step == 0 {
             return rates;
         }

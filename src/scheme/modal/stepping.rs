@@ -240,5 +240,5 @@ impl<E: Engine> ModalScheme<'_, E> {
 
 /// Returns iterations and residual of the last contact problem; `None` where nothing touches.
 fn answer(contact: &ComplianceSolver) -> Option<(u32, f64)> {
-    (!contact.active().is_empty()).then_some((contact.iterations, contact.residual))
+    (!contact.active.is_empty()).then_some((contact.iterations, contact.residual))
 }

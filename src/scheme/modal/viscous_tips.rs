@@ -243,7 +243,7 @@ impl ViscousTips {
         length: f64,
         gamma: f64,
     ) -> f64 {
-        let place = |tip: &Tip| contact.active().iter().position(|&dof| dof == tip.candidate);
+        let place = |tip: &Tip| contact.active.iter().position(|&dof| dof == tip.candidate);
         let rates = |tip: &Tip| tip.rates(state.reaction[tip.candidate], gamma * length);
         let tips: Vec<_> = self.near.iter().map(|tip| (place(tip), rates(tip))).collect();
         for (place, [lag, ..]) in &tips {

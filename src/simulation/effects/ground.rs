@@ -124,7 +124,7 @@ impl<P: Partition> BuildContext<'_, P> {
 
     /// Returns the tips of compliant stops with their dofs.
     pub(in crate::simulation) fn tips(&self) -> impl Iterator<Item = (&Stop, usize)> {
-        self.stops.iter().zip(self.space.tips()).map(|(stop, (dof, _))| (stop, *dof))
+        self.stops.iter().zip(&self.space.tips).map(|(stop, (dof, _))| (stop, *dof))
     }
 
     /// Returns the dof of the tip of a ball, if it has one, on the process that owns it.

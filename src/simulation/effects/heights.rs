@@ -58,7 +58,7 @@ pub(super) fn sites<P: Partition>(
     let nodes = nodes.filter_map(|(dof, node)| site(dof, node, mesh.nodes[node].into(), false));
     let gaps = bodies()
         .filter_map(|(dof, body)| site(dof, mesh.nodes.len() + body.number, body.mass.point.into(), false));
-    let tips = space.tips().iter();
+    let tips = space.tips.iter();
     let tips = tips.filter_map(|&(dof, node)| site(dof, node, mesh.nodes[node].into(), true));
     let mut sites: Vec<(bool, DeflectionDof)> = nodes.chain(gaps).chain(tips).collect();
     sites.sort_by_key(|(is_free, site)| (*is_free, site.dof));

@@ -24,7 +24,7 @@ pub(super) struct NodalEnergy<P: Partition> {
 impl<P: Partition> NodalEnergy<P> {
     /// Creates it; `None` for a plate that only bends.
     pub fn new(ground: &BuildContext<P>) -> Option<NodalEnergy<P>> {
-        let membrane = ground.membrane.following()?.clone();
+        let membrane = ground.membrane.following.clone()?;
         Some(NodalEnergy { membrane, partition: ground.partition.clone(), space: ground.space.clone() })
     }
 
@@ -92,7 +92,7 @@ pub(super) fn form<E: OfCells, P: Partition>(
     geometric: Option<&Form>,
 ) -> Result<Option<QuarticForm>> {
     let space = ground.space;
-    let (Some(membrane), Form::Modal { modes, .. }) = (ground.membrane.following(), &system.mass) else {
+    let (Some(membrane), Form::Modal { modes, .. }) = (&ground.membrane.following, &system.mass) else {
         return Ok(None);
     };
     phase("stretching");

@@ -151,7 +151,7 @@ impl ReturnMap<'_> {
         let stretched = self.form.as_ref().map(|form| form.hessian(stretch));
         let is_solved = !self.model.laws.are_rigid();
         let active: Vec<usize> = match is_solved {
-            true => self.contact.active().to_vec(),
+            true => self.contact.active.clone(),
             false => (0..touching.len()).filter(|&i| touching[i]).collect(),
         };
         if active.is_empty() {
