@@ -102,11 +102,8 @@ impl ContinueArgs {
             return Err(Error::Usage(format!("--sweep: its key is {keys}; expected a sweep over {key}")));
         }
         let mut settings = vec![format!("sweep.over=[{:?}]", format!("{key}={},{}", range[0], range[1]))];
-        settings.extend(
-            self.period
-                .iter()
-                .map(|period| format!("sweep.period={}", toml::word(period).unwrap_or_default())),
-        );
+        let period = |period: &String| format!("sweep.period={}", toml::word(period).unwrap_or_default());
+        settings.extend(self.period.iter().map(period));
         let load =
             |more: &[String]| self.scene.load_with(&settings.iter().chain(more).cloned().collect::<Vec<_>>());
         let scene = load(&[])?;

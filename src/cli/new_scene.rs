@@ -106,9 +106,7 @@ impl Execute for NewScene {
             let expected = "--out FILE names another file, --overwrite replaces it";
             return Err(Error::Usage(format!("{} is there already: {expected}", path.display())));
         }
-        if !folder.as_os_str().is_empty() {
-            std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        }
+        std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
         for (path, text) in &files {
             write_atomic(path, text.as_bytes())?;
         }

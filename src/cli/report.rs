@@ -50,10 +50,8 @@ fn add_attention(report: &mut Report, scene: &Scene, outcome: &Outcome, warnings
     if let Some(QuickestRanks { ranks, seconds }) =
         QuickestRanks::new(scene, outcome.dofs, outcome.steps, total).filter(|_| total >= LONG)
     {
-        report.text(
-            "quicker",
-            format!("mpirun -n {ranks} rebond run: {seconds:.0} s in place of {total:.0} s"),
-        );
+        let quicker = format!("mpirun -n {ranks} rebond run: {seconds:.0} s in place of {total:.0} s");
+        report.text("quicker", quicker);
     }
 }
 
@@ -67,11 +65,8 @@ fn add_numerics(report: &mut Report, scene: &Scene, outcome: &Outcome) {
         report.number("    in the scheme", per_step(outcome.seconds.blocks.advance), "us");
     }
     if scene.has_contact() {
-        report.count("most nodes in contact", outcome.most_contact_nodes as u64, "").count(
-            "contacts of nodes",
-            outcome.node_contacts,
-            "",
-        );
+        report.count("most nodes in contact", outcome.most_contact_nodes as u64, "");
+        report.count("contacts of nodes", outcome.node_contacts, "");
     }
     if let Some(tally) = outcome.tally {
         report.count("events", tally.events, "").count("active sets", tally.active_sets, "");

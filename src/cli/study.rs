@@ -147,10 +147,8 @@ impl Study {
         self.refuse_results(&folder, &hash)?;
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
         remove(&folder.join(report::FILE))?;
-        let stopped = match input::read_plain(&folder.join("study.json")) {
-            Ok(json) if !self.fresh => Accuracy::stopped(&json, &hash),
-            _ => None,
-        };
+        let json = input::read_plain(&folder.join(FILES[0])).ok().filter(|_| !self.fresh);
+        let stopped = json.and_then(|json| Accuracy::stopped(&json, &hash));
         if let (Some(stopped), false) = (&stopped, quiet) {
             let (runs, failures) = (stopped.runs.len(), stopped.failures.len());
             eprintln!("going on in {}: {runs} runs and {failures} failures are known", folder.display());

@@ -185,10 +185,8 @@ pub fn refuse_results(folder: &Path, scene: &Identity, resolved: &Value, overwri
         if Identity::of_summary(&summary).is_some_and(|identity| identity == *scene) {
             return Ok(());
         }
-        let difference = match difference("", &summary["scene"], resolved) {
-            Some(difference) if summary["scene"].is_object() => format!(" ({difference})"),
-            _ => String::new(),
-        };
+        let told = difference("", &summary["scene"], resolved).filter(|_| summary["scene"].is_object());
+        let difference = told.map_or(String::new(), |difference| format!(" ({difference})"));
         format!("the results of another scene{difference}")
     } else {
         let lock = input::open_plain(File::options().read(true), &folder.join(LOCK));

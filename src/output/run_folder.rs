@@ -171,20 +171,15 @@ impl RunFolder {
             absent.push("no snapshots: the run wrote no fields (output.fields_every)");
         } else {
             if snapshots.iter().all(|(.., surface)| !surface.von_mises.is_empty()) {
-                figures.push((
-                    "stresses",
-                    perspective::colored(snapshots.clone(), title, ColorBy::VonMises, &bolts),
-                ));
+                let stresses = perspective::colored(snapshots.clone(), title, ColorBy::VonMises, &bolts);
+                figures.push(("stresses", stresses));
             }
             figures.push(("snapshots", perspective::colored(snapshots, title, ColorBy::Deflection, &bolts)));
         }
-        match self.largest_stress()? {
-            Some((surface, what, told)) => {
-                figures.push(("extremes", plan::stress(surface, title, &what, told)));
-            }
-            None => {
-                absent.push("no plan of stresses: the run watched none (output.extremes or output.stresses)")
-            }
+        if let Some((surface, what, told)) = self.largest_stress()? {
+            figures.push(("extremes", plan::stress(surface, title, &what, told)));
+        } else {
+            absent.push("no plan of stresses: the run watched none (output.extremes or output.stresses)");
         }
         Ok((figures, absent))
     }

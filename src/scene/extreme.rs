@@ -18,13 +18,8 @@ impl Scene {
         };
         let resolved = serde_json::to_value(self).unwrap_or_default();
         let Some((key, number)) = farthest(&resolved, "") else { return error };
-        let more = |words: String| {
-            if words.contains(&key) {
-                words
-            } else {
-                format!("{words}; {key} is {number:e}, far from the usual")
-            }
-        };
+        let far = format!("; {key} is {number:e}, far from the usual");
+        let more = |words: String| if words.contains(&key) { words } else { words + &far };
         match error {
             Error::Singular(words) => Error::Singular(more(words)),
             Error::Mesh(words) => Error::Mesh(more(words)),

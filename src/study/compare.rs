@@ -49,13 +49,8 @@ impl Contender {
             Some("petsc") => EngineName::Petsc,
             _ => return Err(unknown(name)),
         };
-        let vi = match words.next() {
-            None => ContactSolver::Condensed,
-            Some(word) => {
-                let named = ContactSolver::ALL.into_iter().find(|vi| vi.name() == word);
-                named.ok_or_else(|| unknown(name))?
-            }
-        };
+        let named = |word| ContactSolver::ALL.into_iter().find(|vi| vi.name() == word);
+        let vi = words.next().map_or(Some(ContactSolver::Condensed), named).ok_or_else(|| unknown(name))?;
         let method = words.next().map(String::from);
         if words.next().is_some() || method.is_some() && vi.method_option().is_none() {
             return Err(unknown(name));

@@ -244,12 +244,9 @@ fn energies(runs: &mut Runs, figure: usize, heading: &str, kinds: &[Kind], steps
             let run = runs.get(figure, kind, step)?;
             let start = run.0.energies[0];
             let over_start: Vec<f64> = run.0.energies.iter().map(|energy| energy / start).collect();
-            let name = match kind {
-                Kind::Exact => words.to_owned(),
-                _ => format!("{} s{words}", significant(step)),
-            };
+            let time = if kind == Kind::Exact { String::new() } else { format!("{} s", significant(step)) };
             let style = kind.style().unwrap_or(curves.len());
-            curves.push(Curve::of(name, &run.0.times, &over_start).style(style));
+            curves.push(Curve::of(time + words, &run.0.times, &over_start).style(style));
         }
     }
     let panel = Panel::new(Axis::linear("time", "s").tight(), Axis::linear("energy / initial", ""));

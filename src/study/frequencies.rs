@@ -34,8 +34,7 @@ pub struct Frequencies {
 /// Returns the scene with the native engine and the condensed solver.
 pub(super) fn on_native_engine(scene: &Scene) -> Scene {
     let mut scene = scene.clone();
-    scene.solver.engine = EngineName::Native;
-    scene.solver.vi = ContactSolver::Condensed;
+    (scene.solver.engine, scene.solver.vi) = (EngineName::Native, ContactSolver::Condensed);
     scene
 }
 

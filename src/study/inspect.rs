@@ -486,39 +486,23 @@ fn push(Resultant { force, moments: [x, y] }: &Resultant) -> String {
     format!("{} ({x}, {y} about the axes x, y)", engineering(*force, "N"))
 }
 
-/// Adds the rows that both reports share.
-fn sizes(report: &mut Report, [nodes, cells, dofs, bounded]: [usize; 4]) {
-    report
-        .count("nodes", nodes as u64, "")
-        .count("cells", cells as u64, "")
-        .count("dofs", dofs as u64, "")
-        .count("bounded dofs", bounded as u64, "");
-}
-
 fn closing(report: &mut Report, warnings: &[String]) {
     for warning in warnings {
         report.text("warning", warning);
     }
 }
 
-impl Inspection {
-    fn singular_name(&self) -> &'static str {
-        if self.modal.is_some() { "modal" } else { "singular" }
-    }
-}
-
 impl fmt::Display for Inspection {
     fn fmt(&self, f: &mut fmt::Formatter) -> fmt::Result {
         let mut report = Report::new(&self.title);
-        sizes(&mut report, [self.nodes, self.cells, self.dofs, self.bounded_dofs]);
+        report.count("nodes", self.nodes as u64, "").count("cells", self.cells as u64, "");
+        report.count("dofs", self.dofs as u64, "").count("bounded dofs", self.bounded_dofs as u64, "");
         report.number("mass", self.mass, "kg");
         report.optional("buckling factor", self.buckling_factor, "");
         if let Some([x, y]) = self.buckles_at {
             report.text("  buckles at", format!("({}, {}) m", significant(x), significant(y)));
         }
-        if let Some(factor) = self.pull_in_factor {
-            report.number("pull-in factor", factor, "");
-        }
+        report.optional("pull-in factor", self.pull_in_factor, "");
         report.optional("initial energy", self.initial_energy, "J");
         for Deflection { probe, start, loaded, .. } in &self.deflections {
             report.optional(&format!("{probe}, start"), *start, "m");
@@ -533,9 +517,9 @@ impl fmt::Display for Inspection {
             let words = format!("{} N; about x and y through its centroid: {x}, {y}", significant(*force));
             report.text(format!("{support}, start"), words);
         }
-        for (name, Frequencies { lowest, highest }) in
-            [("consistent", &self.consistent), (self.singular_name(), &self.singular)]
-        {
+        let singular = if self.modal.is_some() { "modal" } else { "singular" };
+        let masses = [("consistent", &self.consistent), (singular, &self.singular)];
+        for (name, Frequencies { lowest, highest }) in masses {
             report.text(format!("frequencies, {name} mass"), format!("{} Hz", list(lowest)));
             if name != "modal" {
                 report.optional(&format!("highest, {name} mass"), *highest, "Hz");
@@ -583,20 +567,15 @@ impl fmt::Display for Check {
             }
         }
         report.text("frequencies", format!("{} Hz", list(&self.frequencies.lowest)));
-        match &self.modal {
-            Some(modal) => modal.report(&mut report),
-            None => {
-                if let Some(highest) = self.frequencies.highest {
-                    report.text("  highest", engineering(highest, "Hz"));
-                }
-            }
+        if let Some(modal) = &self.modal {
+            modal.report(&mut report);
+        } else if let Some(highest) = self.frequencies.highest {
+            report.text("  highest", engineering(highest, "Hz"));
         }
         report.text("time step", self.step_in_words());
         let memory = engineering(self.memory as f64, "B");
-        let linear = self
-            .linear
-            .as_ref()
-            .map_or(String::new(), |LinearChoice { method, reason }| format!(", {method} solver ({reason})"));
+        let solver = |LinearChoice { method, reason }: &LinearChoice| format!(", {method} solver ({reason})");
+        let linear = self.linear.as_ref().map_or(String::new(), solver);
         let more = if self.bounded_dofs > 0 && !self.has_watched_contact { ", more in contact," } else { "" };
         let time = about(self.expected_seconds) + more;
         report.text("run", format!("{} steps, {time} and {memory} of memory{linear}", grouped(self.steps)));
