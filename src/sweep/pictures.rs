@@ -11,7 +11,6 @@ use super::row::{ProbeHead, SweepRow};
 use crate::geometry::range;
 use crate::output::plot::{Axis, Bar, Color, Curve, Figure, Panel, Ramp};
 use crate::scene::unit;
-use std::collections::BTreeSet;
 
 /// Names of the pictures, without their extensions.
 pub const PICTURES: [&str; 8] =
@@ -22,9 +21,6 @@ const MOST_NAMED: usize = 7;
 
 /// Largest number of probes with a panel of their own.
 const MOST_PROBES: usize = 4;
-
-/// Numbers of points of a diagram that differ, across and upwards.
-const GRAIN: [f64; 2] = [1600.0, 800.0];
 
 /// Directions with their names and styles.
 const DIRECTIONS: [(Direction, &str); 3] =
@@ -80,7 +76,7 @@ fn bifurcation(report: &SweepReport) -> Figure {
             let points = runs_of(report, direction).flat_map(|(row, measures)| {
                 measures.probes[index].section.iter().map(|value| [row.values[0], *value])
             });
-            Curve::new(name, distinct(points.collect())).palette(color).marks(0).size(0.12).scattered()
+            Curve::new(name, points.collect()).distinct().palette(color).marks(0).size(0.12).scattered()
         });
         panel.height(if report.probes.len() == 1 { 150.0 } else { 110.0 }).curves(curves)
     };
@@ -95,20 +91,6 @@ fn label(report: &SweepReport, probe: &ProbeHead) -> String {
     } else {
         format!("{} {}", probe.name, probe.quantity)
     }
-}
-
-/// Returns one of all points that a picture shows at the same place.
-pub(super) fn distinct(mut points: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
-    let grain = [0, 1].map(|axis| {
-        let [low, high] = range(points.iter().map(|point| point[axis]));
-        [low, GRAIN[axis] / (high - low).max(f64::MIN_POSITIVE)]
-    });
-    let mut seen = BTreeSet::new();
-    points.retain(|point| {
-        let place = [0, 1].map(|axis| ((point[axis] - grain[axis][0]) * grain[axis][1]).round() as i64);
-        seen.insert(place)
-    });
-    points
 }
 
 /// Quantity of a run: its name, its unit, and its value; `None` where it has none.

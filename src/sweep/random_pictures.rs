@@ -2,7 +2,6 @@
 //! sensitivity indices.
 
 use super::measures::Measures;
-use super::pictures::distinct;
 use super::quantities::{Quantity, is_main, quantities};
 use super::report::SweepReport;
 use super::statistics::{MeasureStatistics, Sensitivity, SweepStatistics};
@@ -75,7 +74,7 @@ fn distribution(quantity: &Quantity, sorted: &[f64]) -> Panel {
         points.extend([before, runs].map(|runs| [equal[0], runs as f64 / sorted.len() as f64]));
     }
     let shares = Axis::linear("share of the runs", "").within(0.0, 1.0);
-    Panel::new(Axis::linear(&quantity.name, quantity.unit), shares).curve(Curve::new("", distinct(points)))
+    Panel::new(Axis::linear(&quantity.name, quantity.unit), shares).curve(Curve::new("", points).distinct())
 }
 
 /// Plots the indices of one measure to all keys.

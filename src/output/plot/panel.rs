@@ -2,6 +2,11 @@
 
 use super::axis::{Axis, Fitted, is_near, short, unit};
 use super::paper::{Canvas, Color, Pen};
+use crate::geometry::range;
+use std::collections::BTreeSet;
+
+/// Numbers of points of a curve that differ, across and upwards.
+const GRAIN: [f64; 2] = [1600.0, 800.0];
 
 /// Palette of Okabe and Ito (2008), darkest first, distinct for every kind of colour vision.
 const COLORS: [Color; 7] = [
@@ -68,6 +73,20 @@ impl Curve {
     /// Creates a curve from columns, such as times and values.
     pub fn of(name: impl Into<String>, x: &[f64], y: &[f64]) -> Curve {
         Curve::new(name, x.iter().zip(y).map(|(&x, &y)| [x, y]).collect())
+    }
+
+    /// Keeps one of all points that a picture shows at the same place.
+    pub fn distinct(mut self) -> Curve {
+        let grain = [0, 1].map(|axis| {
+            let [low, high] = range(self.points.iter().map(|point| point[axis]));
+            [low, GRAIN[axis] / (high - low).max(f64::MIN_POSITIVE)]
+        });
+        let mut seen = BTreeSet::new();
+        self.points.retain(|point| {
+            let place = [0, 1].map(|axis| ((point[axis] - grain[axis][0]) * grain[axis][1]).round() as i64);
+            seen.insert(place)
+        });
+        self
     }
 
     /// Sets the `index`-th combination of colour and dashes.
