@@ -7,7 +7,10 @@ use serde_json::Value;
 const ROUNDING: f64 = 1e-6;
 
 /// Part of an energy, relative to the largest part, below which it is rounding.
-const EQUAL: f64 = 1e-9;
+pub(super) const EQUAL: f64 = 1e-9;
+
+/// Part of an energy, relative to the largest part, that four digits do not show.
+const TINY: f64 = 1e-5;
 
 /// Largest number of stops and supports among the answers.
 const MOST_FORCES: usize = 8;
@@ -142,19 +145,24 @@ fn energy(summary: &Value) -> Option<String> {
     let energy = &summary["energy"];
     let number = |key: &str| energy[key].as_f64();
     let (start, end, min, max) = (number("start")?, number("end")?, number("min")?, number("max")?);
-    let is_measure = start.abs() > ROUNDING * min.abs().max(max.abs());
+    let parts =
+        [energy["stored"][0].as_f64()?, number("put_in")?, number("lost")?, energy["stored"][1].as_f64()?];
+    let largest = parts.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
+    // Where a load does most of the work, the energy at the start is no measure.
+    let is_measure = start > ROUNDING * min.abs().max(max.abs()) && parts[0] > 0.1 * largest;
     if is_measure && summary["conservative"] == true {
         let most = (max - start).max(start - min) / start.abs();
         let (kept, most) = (100.0 * end / start, short(100.0 * most));
         return Some(format!("{kept:.2} % of {} kept, largest change {most} %", engineering(start, "J")));
     }
-    let parts =
-        [energy["stored"][0].as_f64()?, number("put_in")?, number("lost")?, energy["stored"][1].as_f64()?];
-    let largest = parts.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
-    let parts = parts.map(|part| if part.abs() > EQUAL * largest { part } else { 0.0 });
-    let shares = if parts[2] == 0.0 { String::new() } else { shares(parts[2], summary) };
-    let [from, put_in, lost, to] = parts.map(|part| engineering(part, "J"));
-    Some(format!("{from} at the start, {put_in} put in, {lost} lost{shares}, {to} at the end"))
+    let [from, put_in, lost, to] =
+        parts.map(|part| engineering(if part.abs() > TINY * largest { part } else { 0.0 }, "J"));
+    let lost = match parts[2] / largest.max(f64::MIN_POSITIVE) {
+        share if share > EQUAL => format!("{lost} lost{}", shares(parts[2], summary)),
+        share if share < -EQUAL => format!("{} gained by the scheme", engineering(-parts[2], "J")),
+        _ => "0 J lost".to_owned(),
+    };
+    Some(format!("{from} at the start, {put_in} put in, {lost}, {to} at the end"))
 }
 
 #[cfg(test)]
@@ -171,5 +179,21 @@ mod tests {
         let first = titles.iter().position(|title| title == "wall");
         let second = titles.iter().position(|title| title == "obstacle_1");
         assert!(first < second && first.is_some(), "{titles:?}");
+    }
+
+    #[test]
+    fn energy_is_told_by_what_it_is_a_share_of() {
+        let told = |start: f64, put_in: f64, lost: f64| {
+            let end = start + put_in - lost;
+            let energy = json!({ "start": start, "end": start - lost, "min": 0.0, "max": start, "put_in": put_in,
+                "lost": lost, "stored": [start, end] });
+            super::energy(&json!({ "conservative": true, "energy": energy })).unwrap()
+        };
+        assert_eq!(told(2.0, 0.0, 0.5), "75.00 % of 2 J kept, largest change 100 %");
+        assert_eq!(told(1e-6, 2.0, 0.0), "0 J at the start, 2 J put in, 0 J lost, 2 J at the end");
+        assert_eq!(
+            told(0.0, 1.0, -2.0),
+            "0 J at the start, 1 J put in, 2 J gained by the scheme, 3 J at the end"
+        );
     }
 }

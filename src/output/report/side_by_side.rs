@@ -7,6 +7,7 @@ use super::html::{
 };
 use super::{document, scripts, series};
 use crate::error::{Error, Result};
+use crate::output::answers::EQUAL;
 use crate::output::plot::Obstacle;
 use crate::output::run_folder::RunFolder;
 use crate::output::text::{engineering, grouped, short};
@@ -21,8 +22,8 @@ const FIGURES: [(&str, &str, &str); 10] = [
     ("its time", "/extremes/von_mises/time", "s"),
     ("first impact", "/first_impact/time", "s"),
     ("upward velocity there", "/first_impact/velocity", "m/s"),
-    ("energy at the start", "/energy/start", "J"),
-    ("energy at the end", "/energy/end", "J"),
+    ("energy at the start", "/energy/stored/0", "J"),
+    ("energy at the end", "/energy/stored/1", "J"),
     ("energy put in", "/energy/put_in", "J"),
     ("energy lost", "/energy/lost", "J"),
 ];
@@ -83,7 +84,13 @@ pub(crate) fn page_of_two(runs: &[RunFolder; 2], path: &Path) -> Result<String> 
 fn answers(summaries: [&Value; 2]) -> String {
     let mut rows = String::new();
     let figure = |(title, pointer, unit)| {
-        row(title, summaries.map(|summary: &Value| summary.pointer(pointer)?.as_f64()), unit)
+        let value = |summary: &Value| {
+            let value = summary.pointer(pointer)?.as_f64()?;
+            let stored = [0, 1].map(|end| summary["energy"]["stored"][end].as_f64().unwrap_or(0.0));
+            let is_rounding = unit == "J" && value.abs() <= EQUAL * stored[0].max(stored[1]);
+            Some(if is_rounding { 0.0 } else { value })
+        };
+        row(title, summaries.map(value), unit)
     };
     rows.extend(FIGURES.map(figure));
     for name in names(summaries.map(|summary| &summary["forces"])) {
