@@ -91,23 +91,28 @@ pub(super) fn figures(
         }
     }
     warnings.extend(doubt);
-    let rest_of_start = rest_share(model, &model.start.displacement)?;
-    if let Some(share) = rest_of_start.filter(|share| *share > OUTSIDE) {
-        let (percent, modes) = (short(100.0 * share), modes.count());
-        warnings.push(format!(
-            "time.modes: {percent} % of the energy at the start lie outside the {modes} modes, and follow without inertia: take \
-             more modes"
-        ));
-    }
     Ok(Some(ModalFigures {
         modes: modes.count(),
         highest: modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU),
         touching: touching.len(),
         contact,
         about_start: about_start(scene, model)?,
-        rest_of_start,
+        rest_of_start: rest_share(model, &model.start.displacement)?,
         rest_under_load: loaded.map_or(Ok(None), |u| rest_share(model, u))?,
     }))
+}
+
+/// Returns a warning where too much of the energy at the start lies outside the modes.
+pub(super) fn warning(model: &Model) -> Option<String> {
+    let Form::Modal { modes, .. } = &model.system.mass else { return None };
+    let share = rest_share(model, &model.start.displacement).ok()??;
+    let (percent, modes) = (short(100.0 * share), modes.count());
+    (share > OUTSIDE).then(|| {
+        format!(
+            "time.modes: {percent} % of the energy at the start lie outside the {modes} modes, and follow without inertia: take \
+             more modes"
+        )
+    })
 }
 
 /// Returns the frequencies of small vibrations about the equilibrium of a plate that stretches, in

@@ -6,7 +6,7 @@
 //! on the matrices are computed here too, from a model on the native engine.
 
 use super::frequencies::{Frequencies, advised_for, energy_step_for, frequencies_of, on_native_engine};
-use super::{in_time, infsup, linearity, points};
+use super::{in_time, infsup, linearity, modal_figures, points};
 use crate::linalg::{Engine, Form};
 use crate::output::text::significant;
 use crate::scene::{Mass, Scene, Time};
@@ -67,6 +67,7 @@ pub(super) fn judged(
         warnings.extend(of_step(scene, frequencies));
         warnings.extend(of_inf_sup(scene, model));
         warnings.extend(linearity::warning(scene, model));
+        warnings.extend(modal_figures::warning(model));
     }
     warnings.into_iter().map(|warning| scene.with_ordinal(warning)).collect()
 }
