@@ -12,7 +12,7 @@ use crate::output::checkpoint::Identity;
 use crate::petsc::Context;
 #[cfg(feature = "petsc")]
 use crate::scene::EngineName;
-use crate::scene::Scene;
+use crate::scene::{Mass, Scene};
 use crate::simulation::{self, Model};
 use crate::study::compare::{Comparison, Contender};
 use clap::Args;
@@ -49,12 +49,14 @@ impl Execute for Compare {
         if self.scene.engine.is_some() || self.scene.vi.is_some() {
             return Err(Error::Usage("compare takes engines and contact solvers by --with".into()));
         }
+        let scene = self.scene.load()?;
+        // Only the condensed solver has the contact problem of modes.
+        let serves = |name: &&&str| scene.time.mass != Mass::Modal || !name.contains(':');
         let names: Vec<&str> = match self.with[..] {
-            [] => DEFAULT.to_vec(),
+            [] => DEFAULT.iter().filter(serves).copied().collect(),
             _ => self.with.iter().map(String::as_str).collect(),
         };
         let contenders = names.into_iter().map(Contender::parse).collect::<Result<Vec<_>>>()?;
-        let scene = self.scene.load()?;
         let _cache = self.scene.open_cache();
         #[cfg(feature = "petsc")]
         if contenders.iter().any(|contender| contender.engine == EngineName::Petsc) {

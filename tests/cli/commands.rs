@@ -153,6 +153,9 @@ fn compare_puts_solvers_side_by_side() {
     for words in ["a short fall: 36 dofs, 1 rank", "up to", "contact 1", "native", "contacts at 0.0"] {
         assert!(table.contains(words), "no {words:?} in:\n{table}");
     }
+    // Modes have one contact solver.
+    let of_modes = compare(&["--set", "time.mass=modal", "--set", "time.scheme=conserving"]);
+    assert!(of_modes.status.success(), "{of_modes:?}");
     // A contender that cannot run has a row of its own, and the final error names it.
     let output = compare(&["--json", "--with", "native,native:snes"]);
     assert_fails(&output, 3, &["1 of 2", "native:snes", "no \"snes\""]);
