@@ -421,7 +421,7 @@ fn syntax(error: &toml::de::Error, text: &str, offset: usize, unit: impl Fn() ->
         return format!("found a number with a unit; expected the number alone, in {unit}");
     }
     let before = before.trim_end().as_bytes();
-    let decimals = before.iter().rev().take_while(|byte| byte.is_ascii_digit()).count();
+    let decimals = before.iter().rev().take_while(|byte| is_part(**byte as char)).count();
     // In a table on one line the comma after the decimals is the one that is too many, or its end.
     let is_second = decimals > 0 && ends_in_comma(&before[..before.len() - decimals]);
     let is_comma = matches!(after.as_bytes(), [b',', b'0'..=b'9', ..])

@@ -193,7 +193,10 @@ impl Document<'_> {
     pub fn pair<V>(&self, key: &str, [one, two]: [&Kind<V>; 2], expected: &str) -> Result<[V; 2]> {
         match self.entries(key, expected)? {
             2 => Ok([self.required(&join(key, "0"), one)?, self.required(&join(key, "1"), two)?]),
-            length => Err(self.fault(key, format!("found an array of length {length}; {expected}"))),
+            length => {
+                let comma = if length > 2 { "; a decimal point is written ." } else { "" };
+                Err(self.fault(key, format!("found an array of length {length}; {expected}{comma}")))
+            }
         }
     }
 }

@@ -176,6 +176,10 @@ fn millimetres_are_asked_for_and_scaled() {
     let thick =
         study::check(&scene(&text(&metres, "", CLAMPED).replace("0.003", "3"))).unwrap().warnings.join("\n");
     assert!(thick.contains("is plate.thickness in millimetres?"), "{thick}");
+    // The ratio alone is a plate's.
+    let both = text(&millimetres, "", CLAMPED).replace("0.003", "3");
+    let both = study::check(&scene(&both)).unwrap().warnings.join("\n");
+    assert!(both.contains("spans 600 m and is 3 m thick: are lengths in millimetres?"), "{both}");
 }
 
 #[test]

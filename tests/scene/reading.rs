@@ -395,6 +395,8 @@ fn a_formula_needs_no_quotes() {
     );
     let open = message(MINIMAL, &["load.pressure=\"100*sin(t)"]);
     assert!(open.contains("invalid TOML"), "{open}");
+    let in_one_line = message("plate = { length = 0.4, thickness = 2,5e-3, density = 7800 }\n", &[]);
+    assert!(in_one_line.ends_with("; a decimal point is written ."), "{in_one_line}");
 }
 
 /// Returns the four numbers that the message suggests.

@@ -11,6 +11,9 @@ const FOIL: f64 = 2e4;
 /// wide.
 const BLOCK: f64 = 1.0;
 
+/// Span and thickness, in m, from which both are taken for millimetres.
+const HUGE: [f64; 2] = [100.0, 0.5];
+
 /// Returns a warning that asks whether lengths are in metres, for a plate much too wide or too
 /// narrow for its thickness. A mesh with the key `mesh.scale` is not questioned. Collective.
 pub(super) fn question<P: Partition>(ground: &BuildContext<P>) -> Option<String> {
@@ -19,13 +22,15 @@ pub(super) fn question<P: Partition>(ground: &BuildContext<P>) -> Option<String>
     let (span, thickness) = ((right + left).max(top + bottom), scene.plate.plate.thickness);
     let ratio = span / thickness;
     let is_told = scene.file.as_ref().is_some_and(|file| file.scale.is_some());
-    if is_told || !ratio.is_finite() || (BLOCK..=FOIL).contains(&ratio) {
+    let is_huge = span > HUGE[0] && thickness >= HUGE[1];
+    if is_told || !ratio.is_finite() || !is_huge && (BLOCK..=FOIL).contains(&ratio) {
         return None;
     }
     let asked = match (&scene.file, ratio > FOIL) {
         (Some(_), true) => {
             "is the mesh in millimetres? mesh.scale = 1e-3 makes metres of them, mesh.scale = 1 says it is not"
         }
+        _ if is_huge => "are lengths in millimetres? they are in metres",
         (None, true) => "is plate.length in millimetres? lengths are in metres",
         (_, false) => "is plate.thickness in millimetres? lengths are in metres",
     };
