@@ -15,7 +15,7 @@ use crate::membrane::Stretch;
 use crate::mesh::{Cell, Made, Mesh, Point};
 use crate::output::text::{Report, engineering, grouped, short, significant};
 use crate::output::vtu;
-use crate::scene::{FieldInput, Mass, Output, Scene};
+use crate::scene::{FieldInput, Mass, Output, ProbeQuantity, Scene};
 use crate::scheme::exact::expected_candidates;
 use crate::scheme::{self, System};
 use crate::simulation::{
@@ -230,7 +230,9 @@ pub fn inspect(scene: &Scene) -> Result<Inspection> {
         start: (!no_start).then(|| probe.deflection(&model.start.displacement)),
         loaded: loaded.as_ref().map(|u| probe.deflection(u)),
     };
-    let deflections = model.probes.iter().zip(&scene.output.probes).map(deflection).collect();
+    let probes = model.probes.iter().zip(&scene.output.probes);
+    let probes = probes.filter(|(_, spec)| spec.quantity == ProbeQuantity::Deflection);
+    let deflections = probes.map(deflection).collect();
 
     let mut stresses = model.stress_watch();
     if let Some(stresses) = &mut stresses {

@@ -242,7 +242,7 @@ fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
     let scene = scene.replace("obstacle = [{ side = \"below\", height = -0.1 }]", "");
     let folder = folder("report-bare", &scene);
     let page = page(&folder);
-    assert!(page.contains("--set output.fields_every=2</code>") && !page.contains("<canvas"));
+    assert!(page.contains("--set output.fields_every=2 --overwrite</code>") && !page.contains("<canvas"));
     assert!(page.contains("The scene has neither obstacles nor balls."));
 }
 

@@ -234,7 +234,7 @@ pub(super) fn view(summary: &Value, frames: Option<&Frames>, colors: &Value) -> 
         let steps = summary["steps"].as_u64().unwrap_or(0);
         let words = format!(
             "<p>This run wrote no snapshots, so that there is no moving view. \
-             <code>rebond run scene.toml --set output.fields_every={}</code> writes about 300 of them.</p>",
+             <code>rebond run SCENE.toml --set output.fields_every={} --overwrite</code> writes about 300 of them.</p>",
             (steps / 300).max(1)
         );
         return section("motion", "", "The motion", &words);
