@@ -21,7 +21,7 @@ pub(super) fn report(
     verbose: bool,
 ) -> Report {
     let mut report = Report::new("");
-    for KeyFigure { title, text } in answers {
+    for KeyFigure { title, text, .. } in answers {
         report.text(title, text);
     }
     if scene.load.as_ref().is_some_and(|load| !load.base_acceleration.is_zero()) {

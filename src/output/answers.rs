@@ -12,7 +12,7 @@ pub(super) const EQUAL: f64 = 1e-9;
 /// Part of an energy, relative to the largest part, that four digits do not show.
 const TINY: f64 = 1e-5;
 
-/// Largest number of stops and supports among the answers.
+/// Largest number of stops, and of supports, among the answers.
 const MOST_FORCES: usize = 8;
 
 /// Key figure of a run.
@@ -22,27 +22,34 @@ pub struct KeyFigure {
     pub title: String,
     /// Quantity in engineering units, with its place and time.
     pub text: String,
+    /// Whether it is the force of a support.
+    pub is_support: bool,
 }
 
 /// Returns the answers of a run, the most important ones first, from its `summary.json`.
 pub fn answers(summary: &Value) -> Vec<KeyFigure> {
     let mut answers = Vec::new();
+    let supports = summary["scene"]["support"].as_array().into_iter().flatten();
+    let supports: Vec<&str> = supports.filter_map(|support| support["name"].as_str()).collect();
     let mut add = |title: &str, text: Option<String>| {
-        answers.extend(text.map(|text| KeyFigure { title: title.to_owned(), text }));
+        let is_support = supports.contains(&title);
+        answers.extend(text.map(|text| KeyFigure { title: title.to_owned(), text, is_support }));
     };
     add("largest deflection", located(&summary["largest_deflection"], "m"));
     add("largest stress", stress(&summary["extremes"]["von_mises"]));
     add("first impact", first_impact(summary));
     add("contacts", contacts(summary));
     let mut forces: Vec<(&String, &Value)> = summary["forces"].as_object().into_iter().flatten().collect();
-    // Supports and obstacles with names of their own come first.
+    // Obstacles with names of their own come first, supports last.
     forces.sort_by_key(|(name, _)| name.starts_with("obstacle_"));
+    let (held, met): (Vec<_>, Vec<_>) =
+        forces.into_iter().partition(|(name, _)| supports.contains(&name.as_str()));
     let lost = &summary["dissipated"];
-    for (name, force) in forces.iter().take(MOST_FORCES) {
+    for (name, force) in [&met, &held].into_iter().flat_map(|forces| forces.iter().take(MOST_FORCES)) {
         let heat = quantity(&lost[name], "J").map_or(String::new(), |heat| format!(", {heat} dissipated"));
         add(name, Some(force_of(force) + &heat));
     }
-    let others = forces.len().saturating_sub(MOST_FORCES);
+    let others: usize = [met, held].iter().map(|forces| forces.len().saturating_sub(MOST_FORCES)).sum();
     add("...", (others > 0).then(|| format!("{others} more stops and supports in summary.json")));
     let of_others = |(name, _): &(&String, &Value)| summary["forces"][name].is_null();
     for (name, lost) in lost.as_object().into_iter().flatten().filter(of_others) {
@@ -171,14 +178,16 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn named_things_come_first() {
-        let mut forces = json!({ "wall": {} });
+    fn named_things_come_first_and_supports_last() {
+        let mut forces = json!({ "bolt": {}, "wall": {} });
         (1..=9).for_each(|number| forces[format!("obstacle_{number}")] = json!({}));
-        let titles: Vec<String> =
-            answers(&json!({ "forces": forces })).into_iter().map(|answer| answer.title).collect();
-        let first = titles.iter().position(|title| title == "wall");
-        let second = titles.iter().position(|title| title == "obstacle_1");
-        assert!(first < second && first.is_some(), "{titles:?}");
+        let scene = json!({ "support": [{ "edge": "left" }, { "name": "bolt" }] });
+        let answers = answers(&json!({ "forces": forces, "scene": scene }));
+        let place = |title: &str| answers.iter().position(|answer| answer.title == title);
+        let places = ["wall", "obstacle_1", "bolt", "..."].map(place);
+        assert!(places[0].is_some() && places.is_sorted(), "{answers:?}");
+        assert_eq!(answers.iter().filter(|answer| answer.is_support).count(), 1);
+        assert!(answers.last().is_some_and(|answer| answer.text.starts_with("2 more")), "{answers:?}");
     }
 
     #[test]

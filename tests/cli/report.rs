@@ -1,7 +1,7 @@
 //! The page of a run: whole, small, without a network, and with the numbers of the run's files.
 
 use crate::common::command::{assert_fails, folder, rebond, succeeds, text};
-use crate::common::models::literal;
+use crate::common::models::{CLAMPED, literal};
 use base64::Engine as _;
 use rebond::output::{history, vtu};
 use serde_json::Value;
@@ -240,8 +240,22 @@ fn many_rows_and_snapshots_are_thinned_and_peaks_stay() {
 fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
     let scene = SCENE.replace("fields_every = 20\nsubdivide = 3\n", "").replace("stresses = true\n", "");
     let scene = scene.replace("obstacle = [{ side = \"below\", height = -0.1 }]", "");
+    let bolts = ["[0.6, 0.0]", "[0.6, 0.4]", "[1.2, 0.2]"];
+    let bolts =
+        [1, 2, 3].map(|i| format!(", {{ name = \"bolt {i}\", at = {}, kind = \"clamped\" }}", bolts[i - 1]));
+    let clamped = CLAMPED.trim_end().trim_end_matches(']');
+    let scene = scene.replace(clamped, &(clamped.to_owned() + &bolts.concat()));
     let folder = folder("report-bare", &scene);
     let page = page(&folder);
+    // Many supports share one card, a line each; warnings stand before the answers.
+    let (warnings, cards) = between(&page, "<h2 id=\"h-answers\">", "</section>")
+        .split_once("<dl class=\"numbers answers\">")
+        .unwrap();
+    let supports = between(cards, "<dt>supports</dt>", "</div>");
+    assert_eq!(supports.matches("<dd><details><summary>bolt").count(), 3, "{cards}");
+    assert!(supports.contains("</summary>impulse"), "{supports}");
+    let count = warnings.matches("<p class=\"warning\">").count();
+    assert!(count > 2 && warnings.contains(&format!("<b>{count} warnings</b>")), "{warnings}");
     assert!(page.contains("--set output.fields_every=2 --overwrite</code>") && !page.contains("<canvas"));
     assert!(page.contains("The scene has neither obstacles nor balls."));
 }

@@ -10,6 +10,8 @@ use crate::output::text::{PREFIXES, engineering, grouped, prefix, significant, t
 use crate::scene::unit;
 use serde_json::Value;
 
+/// Largest number of supports with cards of their own.
+const MOST_SUPPORTS: usize = 2;
 /// Largest number of contacts in the table.
 const MOST_CONTACTS: usize = 400;
 /// Parts of a scene that the page tells in its first section, with their titles.
@@ -101,14 +103,32 @@ pub(super) fn typeset(text: &str) -> String {
 /// Units in texts.
 const UNITS: [&str; 10] = ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W"];
 
-/// Returns the answers and the warnings of a run.
+/// Returns the warnings of a run, several ones in a box of limited height, and its answers, with
+/// many supports in one card, each in a line that opens on demand.
 pub(super) fn answers(summary: &Value) -> String {
-    let answer = |KeyFigure { title, text }: KeyFigure| {
+    let card = |KeyFigure { title, text, .. }: KeyFigure| {
         format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(&title), escaped(&typeset(&text)))
     };
-    let cards: String = answers::answers(summary).into_iter().map(answer).collect();
-    let warnings = warnings(summary);
-    section("answers", "", "Answers", &format!("<dl class=\"numbers answers\">\n{cards}</dl>\n{warnings}"))
+    let line = |KeyFigure { title, text, .. }: KeyFigure| {
+        let (title, text) = (escaped(&title), escaped(&typeset(&text)));
+        let (peak, more) = text.split_once(", ").unwrap_or((&text, ""));
+        format!("<dd><details><summary>{title}: {peak}</summary>{more}</details></dd>\n")
+    };
+    let (held, others): (Vec<_>, Vec<_>) =
+        answers::answers(summary).into_iter().partition(|answer| answer.is_support);
+    let mut cards: String = others.into_iter().map(card).collect();
+    cards += &match held.len() > MOST_SUPPORTS {
+        true => format!("<div><dt>supports</dt>\n{}</div>\n", held.into_iter().map(line).collect::<String>()),
+        false => held.into_iter().map(card).collect(),
+    };
+    let mut warnings = warnings(summary);
+    let count = texts(&summary["warnings"]).count();
+    if count > 1 {
+        let role = "tabindex=\"0\" role=\"region\" aria-label=\"Warnings\"";
+        warnings =
+            format!("<div class=\"scroll warnings\" {role}><b>{count} warnings</b>\n{warnings}</div>\n");
+    }
+    section("answers", "", "Answers", &format!("{warnings}<dl class=\"numbers answers\">\n{cards}</dl>\n"))
 }
 
 /// Returns the warnings of a run.
