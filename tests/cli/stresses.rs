@@ -13,7 +13,8 @@ fn envelope_snapshots_and_pictures() {
         mesh = {{ element = \"hct\", cells = [6, 2] }}
         part = [{{ where = \"x > 0.6\", thickness = 0.008 }}]
         support = [{{ edge = \"left\", kind = \"clamped\" }}]
-        obstacle = [{{ name = \"stop\", side = \"below\", height = -0.01, at = [1.2, 0], stiffness = 1e5 }}]
+        obstacle = [{{ name = \"stop\", side = \"below\", height = -0.01, at = [1.2, 0], stiffness = 1e5 }}, {{ side = \"below\", height = -0.02, at = [0.6, 0.2] }}]
+        ball = [{{ at = [0.6, 0.2], mass = 0.1, height = 0.75 }}]
         initial = {{ static_pressure = 3000 }}
         time = {{ scheme = \"newmark\", mass = \"singular\", step = 1e-3, end = 0.1 }}
         output = {{ fields_every = 20, subdivide = 1, stresses = true, extremes = true, probes = [{{ name = \"tip\", at = [1.2, 0] }}, {{ name = \"root\", at = [0, 0.2], quantity = \"von_mises_top\" }}] }}"
@@ -52,6 +53,8 @@ fn envelope_snapshots_and_pictures() {
     for event in ["start at t = 0 s", "end at t = 100 ms", "first impact near t = 40 ms"] {
         assert!(snapshots.contains(event), "{event}: {snapshots}");
     }
+    assert_eq!(snapshots.matches(">ball 750 mm above<").count(), 6, "a ball far away in each");
+    assert!(snapshots.contains("stroke-dasharray=\"1.2 0.7\""), "a stop behind the plate");
     let stresses = std::fs::read_to_string(run.join("plots/stresses.svg")).unwrap();
     assert!(stresses.contains("von Mises stress (MPa)"), "{stresses}");
     let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();

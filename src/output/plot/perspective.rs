@@ -3,7 +3,7 @@
 use super::axis::is_near;
 use super::coarse::coarsened;
 use super::panel::Frame;
-use super::paper::{Anchor, Canvas, Color, Pen, Type, blend};
+use super::paper::{Anchor, At, Canvas, Color, Pen, Type, blend};
 use super::{Figure, Panel, Ramp};
 use crate::geometry::range;
 use crate::output::text::engineering;
@@ -24,6 +24,9 @@ const MODE: f64 = 0.1;
 
 const OUTLINE: Pen = Pen::solid(Color::GREY, 0.5);
 const HIDDEN: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.6], width: 0.5 };
+/// Pens for obstacles behind the plate, light on dark, so that they show on all its colours.
+const BEHIND: [Pen; 2] =
+    [Pen::solid(Color::BLACK, 0.9), Pen { color: Color::SHADE, dashes: &[1.2, 0.7], width: 0.6 }];
 const HELD: Pen = Pen::solid(Color::BLACK, 2.4);
 /// Difference of a mode shape between neighbours below which it is rounding.
 const ROUNDING: f64 = 1e-9;
@@ -144,9 +147,7 @@ fn views(
     // A distant obstacle is left out, because it would make the plate too small.
     let heights = snapshots.iter_mut().flat_map(|(_, surface)| surface.obstacles.iter_mut().flatten());
     heights.filter(|height| !is_near(**height, [low, high].into_iter())).for_each(|far| *far = f64::NAN);
-    for (_, surface) in &mut snapshots {
-        surface.balls.retain(|ball| is_near(ball[2], [low, high].into_iter()));
-    }
+    let is_shown = move |height: f64| is_near(height, [low, high].into_iter());
 
     let points = || snapshots.iter().flat_map(|(_, surface)| surface.points.iter());
     let sides = [0, 1].map(|axis| range(&mut points().map(|point| point[axis])));
@@ -165,7 +166,11 @@ fn views(
     let surfaces =
         snapshots.iter().flat_map(|(_, surface)| (0..surface.points.len()).map(|p| surface.place(p)));
     let walls_seen = walls.iter().flatten().flat_map(|wall| wall.faces.iter().flatten().chain(&wall.stops));
-    let balls = snapshots.iter().flat_map(|(_, surface)| &surface.balls).map(|&[x, y, z, _]| [x, y, z]);
+    let balls = snapshots.iter().flat_map(|(_, surface)| &surface.balls);
+    // Balls above and below the plate have room beyond the window.
+    let [over, under] =
+        [1.0, -1.0].map(|side| if balls.clone().any(|ball| ball[3] == side) { 2.0 * BALL } else { 0.0 });
+    let balls = balls.filter(|ball| is_shown(ball[2])).map(|&[x, y, z, _]| [x, y, z]);
     let seen: Vec<[f64; 2]> =
         surfaces.chain(walls_seen.copied()).chain(balls).map(|point| view.see(point)).collect();
     let window = Window([0, 1].map(|axis| self::range(seen.iter().map(|point| point[axis]))));
@@ -182,23 +187,35 @@ fn views(
     for ((caption, surface), [floor, ceiling]) in snapshots.into_iter().zip(walls) {
         let (held, bolts) = (held.clone(), bolts.to_vec());
         let [across, up] = window.size();
-        let height = (width * up / across).clamp(20.0, TALLEST * width) + BAND;
+        let height = (width * up / across).clamp(20.0, TALLEST * width) + BAND + over + under;
         let draw = move |paper: &mut Canvas, frame: Frame| {
-            let below = Frame { top: frame.top + BAND, ..frame };
+            let (top, bottom) = (frame.top + BAND + over, frame.bottom - under);
+            let below = Frame { top, bottom, ..frame };
             let drawn = |point: Space| window.at(below, view.see(point));
             for face in &floor.faces {
                 let corners: Vec<_> = face.iter().map(|&corner| drawn(corner)).collect();
                 paper.polygon(&corners, Color::SHADE, Some(Pen::solid(Color::SHADE, 0.3)));
             }
             floor.edges.iter().for_each(|edge| paper.polyline(&edge.map(drawn), OUTLINE));
-            floor.stops.iter().for_each(|&stop| draw_stop(paper, drawn(stop), 1.0));
+            let pegs = |stops: &[Space], down| stops.iter().map(|&stop| peg(drawn(stop), down)).collect();
+            let [standing, hanging]: [Vec<[At; 3]>; 2] =
+                [pegs(&floor.stops, 1.0), pegs(&ceiling.stops, -1.0)];
+            standing.iter().for_each(|peg| paper.polygon(peg, Color::SHADE, Some(OUTLINE)));
             // The plate covers the inner half of these lines.
             held.iter().for_each(|edge| paper.polyline(&edge.map(|[x, y]| drawn([x, y, 0.0])), HELD));
+            let mut faces = Vec::new();
             for face in view.sorted(&surface) {
                 let corners: Vec<_> = face.iter().map(|&point| drawn(surface.place(point))).collect();
                 let mean = face.iter().map(|&p| by.values(&surface)[p]).sum::<f64>() / face.len() as f64;
                 let color = depth(share(mean));
                 paper.polygon(&corners, color, Some(Pen::solid(color.towards(Color::BLACK, 0.18), 0.15)));
+                faces.push(corners);
+            }
+            let edges = floor.edges.iter().map(|edge| edge.map(drawn).to_vec());
+            for line in edges.chain(standing.iter().map(|&[a, b, c]| vec![a, b, c, a])) {
+                if line.iter().all(|&end| faces.iter().any(|face| encloses(face, end))) {
+                    BEHIND.iter().for_each(|&pen| paper.polyline(&line, pen));
+                }
             }
             if by == ColorBy::Mode {
                 let lines = surface.cells.iter().filter_map(|face| nodal_line(&surface, face));
@@ -214,20 +231,43 @@ fn views(
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
                 paper.circle(drawn(surface.place(point)), 0.9, MARK, None);
             }
+            for (above, edge, place) in [(1.0, top, "above"), (-1.0, bottom, "below")] {
+                let far = surface.balls.iter().filter(|ball| ball[3] == above && !is_shown(ball[2]));
+                let heights = self::range(far.clone().map(|ball| ball[2].abs()));
+                let [near, most] = heights.map(|height| engineering(height, "m").replace('u', "\u{b5}"));
+                let words = match far.clone().count() {
+                    0 => continue,
+                    1 => format!("ball {near} {place}"),
+                    _ => format!("balls {near} to {most} {place}"),
+                };
+                let [first, last] = self::range(far.map(|&[x, y, ..]| drawn([x, y, 0.0])[0]));
+                let [before, after] = [first - frame.left, frame.right - last];
+                let (x, anchor) = match before > after {
+                    true => (first - 1.5 * BALL, Anchor::End),
+                    false => (last + 1.5 * BALL, Anchor::Start),
+                };
+                let look = fitted(&words, before.max(after).max(10.0 * BALL) - 2.0 * BALL);
+                paper.text(&words, [x, edge - above * BALL], look, anchor);
+            }
             for &[x, y, z, side] in &surface.balls {
-                let [right, down] = drawn([x, y, z]);
+                let edge = if side > 0.0 { top } else { bottom };
+                let [right, down] =
+                    if is_shown(z) { drawn([x, y, z]) } else { [drawn([x, y, 0.0])[0], edge] };
                 paper.circle([right, down - side * BALL], BALL, Color::GREY, Some(OUTLINE));
             }
             ceiling.edges.iter().for_each(|edge| paper.polyline(&edge.map(drawn), HIDDEN));
-            ceiling.stops.iter().for_each(|&stop| draw_stop(paper, drawn(stop), -1.0));
-            let room = frame.right - frame.left - 2.0;
-            let size = REMARK.size * (room / REMARK.width(&caption)).min(1.0);
-            let look = Type { size, ..REMARK };
+            hanging.iter().for_each(|peg| paper.polygon(peg, Color::SHADE, Some(OUTLINE)));
+            let look = fitted(&caption, frame.right - frame.left - 2.0);
             paper.text(&caption, [frame.left + 2.0, frame.top + 4.0], look, Anchor::Start);
         };
         panels.push(Panel::drawing(draw).height(height));
     }
     (ramp, panels)
+}
+
+/// Returns the type of a remark that fits into a width, in points.
+fn fitted(words: &str, room: f64) -> Type {
+    Type { size: REMARK.size * (room / REMARK.width(words)).min(1.0), ..REMARK }
 }
 
 /// Returns the edges of the plate's border that stay at zero in all snapshots while others move,
@@ -263,10 +303,20 @@ fn nodal_line(surface: &Surface, face: &[usize]) -> Option<[Space; 2]> {
     Some([ends.next()?, ends.next()?])
 }
 
-/// Draws an obstacle at single points as a peg that stands below the plate or hangs above it.
-fn draw_stop(paper: &mut Canvas, [x, y]: [f64; 2], down: f64) {
+/// Returns the corners of an obstacle at a single point: a peg that stands below the plate or hangs
+/// above it.
+fn peg([x, y]: At, down: f64) -> [At; 3] {
     let base = y + down * PEG;
-    paper.polygon(&[[x, y], [x + 0.4 * PEG, base], [x - 0.4 * PEG, base]], Color::SHADE, Some(OUTLINE));
+    [[x, y], [x + 0.4 * PEG, base], [x - 0.4 * PEG, base]]
+}
+
+/// Returns whether a polygon encloses a point.
+fn encloses(corners: &[At], [x, y]: At) -> bool {
+    let sides = corners.iter().zip(corners.iter().cycle().skip(1));
+    let is_right = |(a, b): &(&At, &At)| {
+        (a[1] > y) != (b[1] > y) && x < a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+    };
+    sides.filter(is_right).count() % 2 == 1
 }
 
 /// Drawing of an obstacle.
