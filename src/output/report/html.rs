@@ -103,8 +103,8 @@ pub(super) fn typeset(text: &str) -> String {
 /// Units in texts.
 const UNITS: [&str; 10] = ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W"];
 
-/// Returns the warnings of a run, several ones in a box of limited height, and its answers, with
-/// many supports in one card, each in a line that opens on demand.
+/// Returns the answers of a run, those of many supports in one card, each in a line that opens on
+/// demand, and its warnings, several ones in a box of limited height.
 pub(super) fn answers(summary: &Value) -> String {
     let card = |KeyFigure { title, text, .. }: KeyFigure| {
         format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(&title), escaped(&typeset(&text)))
@@ -128,7 +128,7 @@ pub(super) fn answers(summary: &Value) -> String {
         warnings =
             format!("<div class=\"scroll warnings\" {role}><b>{count} warnings</b>\n{warnings}</div>\n");
     }
-    section("answers", "", "Answers", &format!("{warnings}<dl class=\"numbers answers\">\n{cards}</dl>\n"))
+    section("answers", "", "Answers", &format!("<dl class=\"numbers answers\">\n{cards}</dl>\n{warnings}"))
 }
 
 /// Returns the warnings of a run.
