@@ -270,7 +270,7 @@ pub(super) fn view(summary: &Value, frames: Option<&Frames>, colors: &Value) -> 
     for color in colors.as_array().into_iter().flatten() {
         let Some(quantum) = color["quantum"].as_f64() else { continue };
         let [label, unit] = ["label", "unit"].map(|key| color[key].as_str().unwrap_or_default());
-        note += &format!(", {label} in steps of {quantum:.1e} {unit}");
+        note += &typeset(&format!(", {label} in steps of {}", engineering(quantum, unit)));
     }
     let words =
         format!("{VIEW}<p class=\"soft\">{note}; between snapshots the page interpolates. {LEGEND}</p>");
