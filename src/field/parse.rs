@@ -86,14 +86,15 @@ pub(super) const FUNCTIONS: [(&str, Function); 28] = [
     ("if", Function::If),
 ];
 
-/// Constants by name.
 /// Units that stand in formulas by mistake.
-const UNITS: [&str; 14] =
-    ["Pa", "kPa", "MPa", "GPa", "Hz", "kHz", "N", "kN", "mm", "um", "ms", "us", "deg", "kg"];
+const UNITS: [&str; 17] = [
+    "Pa", "kPa", "MPa", "GPa", "bar", "Hz", "kHz", "rpm", "N", "kN", "mm", "um", "ms", "us", "deg", "kg", "J",
+];
 
 /// Hint at the units that a user writes behind numbers.
 const NO_UNITS: &str = "; a formula has no units, its key has one";
 
+/// Constants by name.
 const CONSTANTS: [(&str, f64); 2] = [("pi", std::f64::consts::PI), ("e", std::f64::consts::E)];
 
 /// Binding powers of operators: to the left, and the least accepted to the right.

@@ -105,6 +105,10 @@ fn faults_point_into_the_formula() {
         ("1 +", "column 4: the formula ends; expected a number, a name or ("),
         ("", "column 1: the formula ends; expected a number, a name or ("),
         ("x + 1,5", "column 6: found ,; expected an operator or the end; a decimal point is written ."),
+        (
+            "5*bar",
+            "column 3: bar is not known; expected x, y, t, pi or e, or a function; a formula has no units, its key has one",
+        ),
         ("1..2", "column 3: found .2; expected an operator or the end; a product is written with *"),
         ("x + .", "column 5: . is not a number"),
         ("1e400*x", "column 1: 1e400 is too large for a number"),
