@@ -23,7 +23,7 @@ const STRESSED: [&str; 3] = ["[10, 4]", "[20, 8]", "[64, 64]"];
 /// Meshes on which a plate stretches, and the relative time that a step may then take with each
 /// mass. With the singular one two more solves tell what the means over cells feel.
 const STRETCHED: [&str; 2] = ["[10, 4]", "[80, 32]"];
-const STRETCHING: [(&str, f64); 2] = [("consistent", 12.0), ("singular", 18.0)];
+const STRETCHING: [(&str, f64); 2] = [("consistent", 12.0), ("singular", 15.0)];
 
 /// Number of watches of the stresses per turn.
 const STEPS: u32 = 16;

@@ -117,7 +117,7 @@ fn spread<P: Partition>(holds: &mut [NodeConstraint], partition: &P) -> Result<(
 /// Returns the place of the first node in the order of x and y, and whether each node of this
 /// process is that one. Collective.
 ///
-/// Multigrid needs a node of the coarsest mesh, and every mesh has this one.
+/// Multigrid needs a node that the coarsest mesh has too, as it has this one.
 fn first_node<P: Partition>(mesh: &Mesh, partition: &P) -> Result<(Point, Vec<bool>)> {
     let order = |a: &Point, b: &Point| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y));
     let nodes = (0..mesh.nodes.len()).filter(|&node| partition.owns_node(node));

@@ -26,8 +26,9 @@
 //! \bar U = U + S^{-1} (F - K U), \qquad \psi\, g = V'(\bar U) + K h, \qquad h = -S^{-1} V'(\bar U),
 //! ```
 //!
-//! which is the gradient of `$V(\bar U(U))$`. The means of `$\bar U$` miss those of U by the share
-//! `$\omega^2 / (\omega^2 + s)$` of each vibration of angular frequency `$\omega$`, at most 1e-3.
+//! which is the gradient of `$V(\bar U(U))$`. The means of `$\bar U$` miss the means of U by the
+//! share `$\omega^2 / (\omega^2 + s)$` of each vibration of angular frequency `$\omega$`, at most
+//! 1e-3.
 
 use super::drive::StretchingEnergy;
 use super::massless::penalty::PenalisedStiffness;

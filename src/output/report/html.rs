@@ -103,8 +103,8 @@ pub(super) fn typeset(text: &str) -> String {
 /// Units in texts.
 const UNITS: [&str; 10] = ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W"];
 
-/// Returns the answers of a run, those of many supports in one card, each in a line that opens on
-/// demand, and its warnings, several ones in a box of limited height.
+/// Returns the answers of a run and its warnings. Many supports share a card, with a line each that
+/// opens on demand; several warnings share a box of limited height.
 pub(super) fn answers(summary: &Value) -> String {
     let card = |KeyFigure { title, text, .. }: KeyFigure| {
         format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(&title), escaped(&typeset(&text)))

@@ -14,7 +14,7 @@ const PENALTY: f64 = 1e4;
 const PENALTY_RANGE: std::ops::Range<f64> = 1e3..1e6;
 
 /// Square of the highest angular frequency relative to the harmonic mean of the ratios of the
-/// diagonals of K and M; between 3 and 1600 on grids and meshes of Gmsh.
+/// diagonals of K and M, between 3 and 1600 on grids.
 const OF_DIAGONALS: f64 = 30.0;
 
 /// Largest number of attempts at a penalty, and power iterations of each; the order of magnitude
@@ -22,9 +22,9 @@ const OF_DIAGONALS: f64 = 30.0;
 const MAX_ATTEMPTS: usize = 8;
 const POWER_ITERATIONS: usize = 6;
 
-/// Ratio of a motion's strain to that of its parts below which it counts as rigid. On a few cells
-/// all motions with inertia may be rigid; no highest frequency exists then, and the first penalty
-/// is used. Cells n times as long as wide have ratios of n^-2; rounding is below 1e-12.
+/// Ratio of a motion's strain to the strain of its parts below which it counts as rigid. On a few
+/// cells all motions with inertia may be rigid; no highest frequency exists then, and the first
+/// penalty is used. Cells n times as long as wide have ratios of n^-2; rounding is below 1e-12.
 const RIGID: f64 = 1e-10;
 
 /// Matrix K + s M with its factor; see [`super::potential`].
