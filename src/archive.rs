@@ -103,6 +103,14 @@ pub fn from_bytes<T: DeserializeOwned>(bytes: &[u8]) -> Result<T> {
     }
 }
 
+/// Deserialises the first of several values.
+///
+/// # Errors
+/// Returns [`Error::Checkpoint`] where the bytes do not begin with such a value.
+pub fn first_of<T: DeserializeOwned>(bytes: &[u8]) -> Result<T> {
+    postcard::take_from_bytes(bytes).map(|(value, _)| value).map_err(unfit)
+}
+
 /// Kind of a file with one value: a line of text (kind and version), the value in postcard's
 /// format, and a little-endian CRC-32 of all that precedes.
 #[derive(Debug)]

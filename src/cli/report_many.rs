@@ -26,7 +26,7 @@ pub(super) fn of_sweep(folder: &Path, page: &Path) -> Result<()> {
     let figures = sweep::figures(&sweep).into_iter();
     let pictures: Vec<(String, String)> =
         figures.map(|(name, figure)| (name.to_owned(), figure.svg())).collect();
-    let (runs, failed) = (sweep.rows.len(), sweep.failures());
+    let (runs, failed) = (sweep.rows.count(), sweep.failures());
     let criteria = sweep.statistics.iter().flat_map(|statistics| &statistics.criteria);
     let mut remarks: Vec<String> = criteria.map(|criterion| format!("{criterion}.")).collect();
     remarks.push(format!("{} runs over {}.", grouped(runs as u64), sweep.keys.join(" and ")));

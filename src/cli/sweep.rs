@@ -16,7 +16,7 @@ use crate::output::progress::moving_line;
 use crate::scene::{EngineName, Scene, SweepSpec};
 #[cfg(not(feature = "petsc"))]
 use crate::simulation::Model;
-use crate::sweep::{self, Loader, SweepReport, SweepRow, SweepStatistics, SweepStore};
+use crate::sweep::{self, Loader, Plan, SweepReport, SweepRow, SweepRows, SweepStatistics, SweepStore};
 #[cfg(feature = "petsc")]
 use crate::sweep::{RankedSweep, SweepPart};
 use clap::Args;
@@ -156,10 +156,8 @@ impl Execute for SweepArgs {
                 "has no [sweep]; expected --over with --period, such as --over 'load.pressure=90..250:161'";
             return Err(Error::Usage(format!("{}: it {wrong}", self.scene.scene.display())));
         };
-        if let Some(typical) = sweep::typical_run(sweep) {
-            // A key that does not exist ends the sweep before its first run.
-            sweep::scene_at(sweep, &load, &typical.values)?;
-        }
+        // A key that does not exist ends the sweep before its first run.
+        sweep::scene_at(sweep, &load, &Plan::new(sweep).typical_run().values)?;
         sweep::check_criteria(&scene)
             .map_err(|wrong| Error::Scene(format!("{}: {wrong}", self.scene.scene.display())))?;
         match scene.solver.engine {
@@ -188,8 +186,8 @@ impl SweepArgs {
         let mut store = SweepStore::open(&folder, &scene.hash(), self.overwrite, sweep.shows_sections())?;
         signal::listen()?;
         let cache = self.scene.open_cache();
-        let count = sweep::groups(sweep).iter().map(Vec::len).sum();
-        let line = ProgressLine::new(count, store.indices().len(), self.scene.voice.is_silent());
+        let line =
+            ProgressLine::new(Plan::new(sweep).count(), store.indices().len(), self.scene.voice.is_silent());
         let shown = line.clone();
         store.on_row(move |row| shown.tell(row));
         let ended = sweep::conduct(sweep, load, &mut store, self.jobs.get(), &|| signal::signal_received());
@@ -212,7 +210,7 @@ impl SweepArgs {
             words.push(format!("--set time.step={:?} --set time.end={:?}", made.time.step, made.time.end));
             text += &format!("{}\n", words.join(" "));
         }
-        let report = SweepReport::new(scene, command_line(), vec![row].into());
+        let report = SweepReport::new(scene, command_line(), SweepRows::new([row.clone()])?);
         let mut lines = report.lines();
         let mut cells = || lines.next().into_iter().flatten().flatten();
         let cells: Vec<_> = cells().zip(cells()).collect();
@@ -221,7 +219,7 @@ impl SweepArgs {
                 text += &format!("  {head}: {cell}\n");
             }
         }
-        self.scene.voice.print(&text, &report.rows[0])
+        self.scene.voice.print(&text, &row)
     }
 
     /// Makes the runs on PETSc, on groups of ranks. Collective.
@@ -296,7 +294,7 @@ impl SweepArgs {
         let shown = folder.display();
         let mut text = report.statistics.as_ref().map_or(String::new(), SweepStatistics::text);
         text += &report.basins.as_ref().map_or(String::new(), ToString::to_string);
-        text += &format!("{}\n{} runs, {} failed\n", report.title, report.rows.len(), report.failures());
+        text += &format!("{}\n{} runs, {} failed\n", report.title, report.rows.count(), report.failures());
         text += &format!("{shown}/{}, {}\n", sweep::CSV, sweep::JSON);
         text += &pictures;
         self.scene.voice.print(&text, &report)

@@ -72,7 +72,7 @@ fn line(report: &BranchReport, stable: bool, place: &dyn Fn(&BranchRow) -> [f64;
 /// Returns the runs of a sweep as dots: half the range of a probe.
 fn runs(sweep: &SweepReport, probe: &str) -> Curve {
     let index = sweep.probes.iter().position(|head| head.name == probe);
-    let measured = sweep.rows.iter().filter_map(|row| Some((row.values[0], row.measures.as_ref()?)));
+    let measured = sweep.rows.iter().filter_map(|row| Some((row.values[0], row.measures?)));
     let points = measured.filter_map(|(key, run)| {
         let probe = run.probes.get(index?)?;
         Some([key, 0.5 * (probe.max - probe.min)])

@@ -40,7 +40,8 @@ mod tests {
     fn normal_numbers_are_correlated() {
         let correlation = Correlation::new(3, &[([0, 2], 0.6)]).unwrap();
         let normal = Distribution::parse("normal(0, 1)").unwrap();
-        let mut points = PointSet::Sobol.points(1, 4096, 3);
+        let sobol = PointSet::Sobol.points(1, 4096, 3);
+        let mut points: Vec<Vec<f64>> = (0..4096).map(|run| sobol.point(run)).collect();
         for point in &mut points {
             correlation.apply(point);
             point.iter_mut().for_each(|share| *share = normal.quantile(*share));

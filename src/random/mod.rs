@@ -8,7 +8,7 @@ mod points;
 
 pub use correlation::Correlation;
 pub use distribution::Distribution;
-pub use points::PointSet;
+pub use points::{DrawnPoints, PointSet};
 
 /// Generator of 64 random bits at a time (SplitMix64).
 #[derive(Debug, Clone)]

@@ -1,4 +1,4 @@
-//! Points of random sweeps: for each run one number in (0, 1) per random key, of which the
+//! DrawnPoints of random sweeps: for each run one number in (0, 1) per random key, of which the
 //! distributions make values.
 //!
 //! A point depends on the seed, the number of its run and the number of keys; a Latin hypercube
@@ -53,31 +53,55 @@ impl PointSet {
         self != PointSet::Saltelli || run % self.block(keys) < 2
     }
 
-    /// Returns the points of a number of runs, each with a number in (0, 1) per key.
-    pub fn points(self, seed: u64, runs: usize, keys: usize) -> Vec<Vec<f64>> {
-        let table = |point: &dyn Fn(usize) -> Vec<f64>| (0..runs).map(point).collect();
-        match self {
-            PointSet::Plain => table(&|run| (0..keys).map(|key| unit(seed, run, key)).collect()),
-            PointSet::Latin => {
-                let orders: Vec<Vec<usize>> = (0..keys).map(|key| shuffled(runs, seed, key)).collect();
-                let number = |run: usize, key: usize| {
-                    let place = orders[key][run] as f64 + unit(seed, run, key);
-                    (place / runs as f64).min(BELOW_ONE)
+    /// Returns the points of a number of runs with a number of keys.
+    pub fn points(self, seed: u64, runs: usize, keys: usize) -> DrawnPoints {
+        let source = match self {
+            PointSet::Plain => PointSource::Plain,
+            PointSet::Latin => PointSource::Latin((0..keys).map(|key| shuffled(runs, seed, key)).collect()),
+            PointSet::Sobol => PointSource::Sobol(Sobol::new(keys)),
+            PointSet::Saltelli => PointSource::Saltelli(Sobol::new(2 * keys)),
+        };
+        DrawnPoints { source, seed, runs, keys }
+    }
+}
+
+/// DrawnPoints of the runs of a sweep, each made when it is asked for.
+pub struct DrawnPoints {
+    source: PointSource,
+    seed: u64,
+    runs: usize,
+    keys: usize,
+}
+
+/// Data of a set of points.
+enum PointSource {
+    Plain,
+    /// Part of each axis that a run is in.
+    Latin(Vec<Vec<u32>>),
+    Sobol(Sobol),
+    Saltelli(Sobol),
+}
+
+impl DrawnPoints {
+    /// Returns the point of a run, with a number in (0, 1) per key.
+    pub fn point(&self, run: usize) -> Vec<f64> {
+        let DrawnPoints { source, seed, runs, keys } = self;
+        let keys = 0..*keys;
+        match source {
+            PointSource::Plain => keys.map(|key| unit(*seed, run, key)).collect(),
+            PointSource::Latin(orders) => {
+                let number = |key: usize| {
+                    let place = f64::from(orders[key][run]) + unit(*seed, run, key);
+                    (place / *runs as f64).min(BELOW_ONE)
                 };
-                table(&|run| (0..keys).map(|key| number(run, key)).collect())
+                keys.map(number).collect()
             }
-            PointSet::Sobol => {
-                let sobol = Sobol::new(keys);
-                table(&|run| sobol.shifted(seed, run))
-            }
-            PointSet::Saltelli => {
-                let sobol = Sobol::new(2 * keys);
-                table(&|run| {
-                    let (block, place) = (run / (keys + 2), run % (keys + 2));
-                    let pair = sobol.shifted(seed, block);
-                    let of_second = |key: usize| place == 1 || place == key + 2;
-                    (0..keys).map(|key| pair[if of_second(key) { keys + key } else { key }]).collect()
-                })
+            PointSource::Sobol(sobol) => sobol.shifted(*seed, run),
+            PointSource::Saltelli(sobol) => {
+                let (block, place) = (run / (keys.len() + 2), run % (keys.len() + 2));
+                let pair = sobol.shifted(*seed, block);
+                let of_second = |key: usize| place == 1 || place == key + 2;
+                keys.clone().map(|key| pair[if of_second(key) { keys.len() + key } else { key }]).collect()
             }
         }
     }
@@ -96,9 +120,9 @@ fn unit(seed: u64, run: usize, key: usize) -> f64 {
 }
 
 /// Returns the numbers below `count` in a random order.
-fn shuffled(count: usize, seed: u64, key: usize) -> Vec<usize> {
+fn shuffled(count: usize, seed: u64, key: usize) -> Vec<u32> {
     let mut random = generator(seed, usize::MAX, key);
-    let mut order: Vec<usize> = (0..count).collect();
+    let mut order: Vec<u32> = (0..count as u32).collect();
     for last in (1..count).rev() {
         order.swap(last, (random.bits() % (last as u64 + 1)) as usize);
     }
@@ -158,6 +182,12 @@ impl Sobol {
 mod tests {
     use super::{BITS, PointSet, Sobol, rows};
 
+    /// Returns the points of a number of runs.
+    fn table(set: PointSet, seed: u64, runs: usize, keys: usize) -> Vec<Vec<f64>> {
+        let points = set.points(seed, runs, keys);
+        (0..runs).map(|run| points.point(run)).collect()
+    }
+
     /// Returns how many points are in each n-th of an axis.
     fn counts(points: &[Vec<f64>], axis: usize, parts: usize) -> Vec<usize> {
         let mut counts = vec![0; parts];
@@ -167,11 +197,11 @@ mod tests {
 
     #[test]
     fn a_latin_hypercube_has_one_point_in_each_part_of_each_axis() {
-        let points = PointSet::Latin.points(3, 1000, 5);
+        let points = table(PointSet::Latin, 3, 1000, 5);
         for axis in 0..5 {
             assert_eq!(counts(&points, axis, 1000), [1; 1000]);
         }
-        assert_ne!(points, PointSet::Latin.points(4, 1000, 5));
+        assert_ne!(points, table(PointSet::Latin, 4, 1000, 5));
     }
 
     /// Points without a shift, in the order of Gray codes, by the crate sobol 1.0.2 with the table
@@ -204,7 +234,7 @@ mod tests {
     fn sobol_points_are_stratified() {
         let most = PointSet::Sobol.most_keys();
         assert_eq!((most, rows().count()), (32, 31));
-        let points = PointSet::Sobol.points(7, 256, most);
+        let points = table(PointSet::Sobol, 7, 256, most);
         for axis in 0..most {
             assert_eq!(counts(&points, axis, 256), [1; 256], "{axis}");
         }
@@ -221,9 +251,9 @@ mod tests {
 
     #[test]
     fn a_plain_point_depends_on_seed_and_number_alone() {
-        let [few, many] = [10, 1000].map(|runs| PointSet::Plain.points(1, runs, 3));
+        let [few, many] = [10, 1000].map(|runs| table(PointSet::Plain, 1, runs, 3));
         assert_eq!(few, many[..10]);
-        assert_ne!(few, PointSet::Plain.points(2, 10, 3));
+        assert_ne!(few, table(PointSet::Plain, 2, 10, 3));
         let mean = many.iter().flatten().sum::<f64>() / 3000.0;
         // Three standard deviations.
         assert!((mean - 0.5).abs() < 3.0 / (12.0 * 3000_f64).sqrt(), "{mean}");
@@ -231,7 +261,7 @@ mod tests {
 
     #[test]
     fn a_block_of_saltellis_scheme_exchanges_one_number_after_the_other() {
-        let points = PointSet::Saltelli.points(1, 10, 3);
+        let points = table(PointSet::Saltelli, 1, 10, 3);
         for block in points.chunks(5) {
             for key in 0..3 {
                 for other in 0..3 {

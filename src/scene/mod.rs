@@ -81,7 +81,7 @@ pub(crate) use ordinal::ordinal;
 pub use output::{Output, Probe, Snapshots};
 pub use plate::{Part, PlateSpec};
 pub use quantity::{ProbeQuantity, StressComponent};
-pub use random_keys::{RandomKey, RandomKeys};
+pub use random_keys::{Draws, RandomKey, RandomKeys};
 use serde::{Serialize, Serializer};
 pub use slider::Slider;
 pub use solver::Solver;

@@ -4,7 +4,7 @@ use super::document::{Document, join, quote};
 use super::entry::{Kind, table};
 use super::kinds::{assigned, count, name, of_text, shortest, string, word};
 use crate::error::Result;
-use crate::random::{Correlation, Distribution, PointSet};
+use crate::random::{Correlation, Distribution, DrawnPoints, PointSet};
 
 /// Largest number of runs.
 const MOST_RUNS: u64 = 1_000_000;
@@ -89,15 +89,14 @@ impl RandomKeys {
         correlation.map(Some).ok_or_else(|| "no random numbers can have these correlations".into())
     }
 
-    /// Returns the values of all runs, each with one value per key.
-    pub fn draws(&self) -> Vec<Vec<f64>> {
+    /// Returns the values of the runs.
+    pub fn draws(&self) -> Draws<'_> {
         let correlation = self.correlation().unwrap_or_default();
-        let mut points = self.points.points(self.seed, self.runs as usize, self.keys.len());
-        for point in &mut points {
-            correlation.iter().for_each(|correlation| correlation.apply(point));
-            self.set(point);
+        Draws {
+            keys: self,
+            correlation,
+            points: self.points.points(self.seed, self.runs as usize, self.keys.len()),
         }
-        points
     }
 
     /// Returns the medians of all keys.
@@ -111,6 +110,23 @@ impl RandomKeys {
     fn set(&self, point: &mut [f64]) {
         let keys = self.keys.iter().zip(point);
         keys.for_each(|(key, share)| *share = key.distribution.quantile(*share));
+    }
+}
+
+/// Values of the runs of a sweep with random keys, each made when it is asked for.
+pub struct Draws<'k> {
+    keys: &'k RandomKeys,
+    correlation: Option<Correlation>,
+    points: DrawnPoints,
+}
+
+impl Draws<'_> {
+    /// Returns the values of a run, one per key.
+    pub fn values(&self, run: usize) -> Vec<f64> {
+        let mut point = self.points.point(run);
+        self.correlation.iter().for_each(|correlation| correlation.apply(&mut point));
+        self.keys.set(&mut point);
+        point
     }
 }
 

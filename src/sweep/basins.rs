@@ -3,6 +3,7 @@
 
 use super::measures::{Measures, ProbeMeasures};
 use super::row::SweepRow;
+use super::rows::SweepRows;
 use super::statistics::wilson;
 use crate::output::text::{Table, significant_digits};
 use serde::{Deserialize, Serialize};
@@ -65,21 +66,20 @@ fn are_same(one: &Measures, other: &Measures, tolerance: f64) -> bool {
 
 impl Basins {
     /// Finds the attractors of some runs, given the tolerance of points of a section.
-    pub fn new(rows: &[SweepRow], tolerance: f64) -> Basins {
-        let mut first: Vec<&Measures> = Vec::new();
-        let mut labels = Vec::new();
-        for row in rows {
-            let run = row.measures.as_ref().filter(|run| run.period.is_some() && !run.probes.is_empty());
-            labels.push(run.map(|run| {
-                let place = first.iter().position(|other| are_same(run, other, SAME * tolerance));
-                place.unwrap_or_else(|| {
-                    first.push(run);
-                    first.len() - 1
-                })
-            }));
+    pub fn new(rows: &SweepRows, tolerance: f64) -> Basins {
+        let mut first: Vec<Measures> = Vec::new();
+        let mut labels = BTreeMap::new();
+        let mut measured = 0;
+        for SweepRow { index, measures, .. } in rows.iter() {
+            let Some(run) = measures else { continue };
+            measured += 1;
+            if run.period.is_some() && !run.probes.is_empty() {
+                let label = first.iter().position(|other| are_same(&run, other, SAME * tolerance));
+                labels.insert(index, label.unwrap_or(first.len()));
+                first.extend(label.is_none().then_some(run));
+            }
         }
-        let measured = rows.iter().filter(|row| row.measures.is_some()).count();
-        let runs = |label: usize| labels.iter().filter(|of_run| **of_run == Some(label)).count();
+        let runs = |label: usize| labels.values().filter(|of_run| **of_run == label).count();
         let mut order: Vec<(usize, usize)> = (0..first.len()).map(|label| (label, runs(label))).collect();
         order.sort_by_key(|(_, runs)| std::cmp::Reverse(*runs));
         let attractor = |&(label, runs): &(usize, usize)| {
@@ -97,15 +97,11 @@ impl Basins {
                 points,
             }
         };
-        let place = |label: usize| order.iter().position(|(other, _)| *other == label);
+        let place = |label: usize| order.iter().position(|(other, _)| *other == label).unwrap_or(label);
         Basins {
             attractors: order.iter().map(attractor).collect(),
             unsettled: measured - order.iter().map(|(_, runs)| runs).sum::<usize>(),
-            labels: rows
-                .iter()
-                .zip(&labels)
-                .filter_map(|(row, label)| Some((row.index, place((*label)?)?)))
-                .collect(),
+            labels: labels.iter().map(|(index, label)| (*index, place(*label))).collect(),
         }
     }
 }

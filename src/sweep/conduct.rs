@@ -2,13 +2,15 @@
 //! matrices.
 
 use super::one_run::run_together;
-use super::plan::{PlannedRun, groups, typical_run};
+use super::plan::{Plan, PlannedRun};
 use super::prepared_run::{CarriedState, Finished, Leader, PreparedRun};
 use super::row::SweepRow;
 use crate::error::{Error, Result};
 use crate::kernels::Lanes;
 use crate::scene::{Scene, SweepSpec};
 use crate::simulation::{Model, condensed};
+use std::collections::BTreeMap;
+use std::ops::Range;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::mpsc::{Sender, channel};
 use std::thread;
@@ -37,24 +39,16 @@ pub trait SweepRecord {
 /// the group starts from.
 type Noted = (usize, SweepRow, Option<CarriedState>);
 
-/// Runs of a group that are still to be made, each from the end of the one before.
-#[derive(Clone)]
-struct Waiting {
-    group: usize,
-    runs: Vec<PlannedRun>,
-    /// State that the first run starts from.
-    state: Option<CarriedState>,
-    is_carried: bool,
-}
-
 /// Part of a sweep that is the same for all its threads.
 struct Conductor<'c> {
     sweep: &'c SweepSpec,
+    plan: &'c Plan<'c>,
     load: &'c Loader<'c>,
     interrupts: &'c (dyn Fn() -> bool + Sync),
-    /// Run that decides what goes in lock step; `None` where nothing can, as there is one group.
-    leader: Option<PlannedRun>,
-    waiting: Vec<Waiting>,
+    /// Runs of each group that are still to be made, each from the end of the one before.
+    waiting: Vec<Range<usize>>,
+    /// States that the first of these runs start from, by their indices.
+    states: BTreeMap<usize, CarriedState>,
     /// Number of groups that a thread takes at once.
     lot: usize,
     next: AtomicUsize,
@@ -72,21 +66,22 @@ pub fn conduct(
     threads: usize,
     interrupts: &(dyn Fn() -> bool + Sync),
 ) -> Result<()> {
-    let (mut made, mut total) = (0, 0);
-    let mut waiting = Vec::new();
-    let groups = groups(sweep);
-    let leader = typical_run(sweep).filter(|_| groups.len() > 1);
-    for (group, runs) in groups.into_iter().enumerate() {
-        let recorded = runs.iter().take_while(|run| record.is_known(run.index)).count();
-        let rest = runs[recorded..].to_vec();
-        (made, total) = (made + recorded, total + runs.len());
-        let state = if rest.is_empty() { None } else { record.state(group) };
-        if !rest.is_empty() {
-            waiting.push(Waiting { group, is_carried: runs.len() > 1, runs: rest, state });
+    let plan = Plan::new(sweep);
+    let (mut waiting, mut states) = (Vec::new(), BTreeMap::new());
+    for (group, mut runs) in plan.groups().enumerate() {
+        while !runs.is_empty() && record.is_known(runs.start) {
+            runs.start += 1;
+        }
+        if !runs.is_empty() {
+            states.extend(record.state(group).map(|state| (runs.start, state)));
+            waiting.push(runs);
         }
     }
+    let total = plan.count();
+    let mut made = total - waiting.iter().map(Range::len).sum::<usize>();
     let lot = waiting.len().div_ceil(threads.max(1)).clamp(1, Lanes::COUNT);
-    let conductor = Conductor { sweep, load, interrupts, leader, waiting, lot, next: AtomicUsize::new(0) };
+    let next = AtomicUsize::new(0);
+    let conductor = Conductor { sweep, plan: &plan, load, interrupts, waiting, states, lot, next };
     let (sender, receiver) = channel();
     thread::scope(|scope| {
         for _ in 0..threads.min(conductor.waiting.len().div_ceil(lot)) {
@@ -120,18 +115,16 @@ pub fn conduct_one(
     index: usize,
     interrupts: &(dyn Fn() -> bool + Sync),
 ) -> Result<SweepRow> {
-    let groups = groups(sweep);
-    let Some(runs) = groups.iter().find(|runs| runs.iter().any(|run| run.index == index)) else {
-        let count = groups.iter().map(Vec::len).sum::<usize>();
-        return Err(Error::Usage(format!("run {index}: the sweep has the runs 0 to {}", count - 1)));
-    };
-    if runs.len() > 1 {
+    let plan = Plan::new(sweep);
+    if index >= plan.count() {
+        return Err(Error::Usage(format!("run {index}: the sweep has the runs 0 to {}", plan.count() - 1)));
+    }
+    if plan.group_size() > 1 {
         return Err(Error::Usage(format!("run {index} continues others; expected runs that start apart")));
     }
-    let leader = typical_run(sweep).filter(|_| groups.len() > 1);
-    let waiting = vec![Waiting { group: 0, runs: runs.clone(), state: None, is_carried: false }];
-    let next = AtomicUsize::new(0);
-    let conductor = Conductor { sweep, load, interrupts, leader, waiting, lot: 1, next };
+    let waiting = plan.groups().skip(index).take(1).collect();
+    let (states, next) = (BTreeMap::new(), AtomicUsize::new(0));
+    let conductor = Conductor { sweep, plan: &plan, load, interrupts, waiting, states, lot: 1, next };
     let (sender, receiver) = channel();
     conductor.work(&sender);
     let made = receiver.try_recv().map(|(_, row, _)| row);
@@ -144,20 +137,17 @@ const WATCH: f64 = 0.2;
 /// Returns the number of runs of a sweep, and the time (s) that one thread takes for all: expected
 /// from some periods of some of the runs.
 pub fn expected_time(sweep: &SweepSpec, load: &Loader) -> (usize, f64) {
-    let groups = groups(sweep);
-    let leader = typical_run(sweep).filter(|_| groups.len() > 1);
-    let first = |runs: &Vec<PlannedRun>| {
-        let runs = runs.first().cloned().into_iter().collect();
-        Waiting { group: 0, runs, state: None, is_carried: false }
-    };
-    let stride = groups.len().div_ceil(Lanes::COUNT).max(1);
-    let waiting: Vec<Waiting> = groups.iter().step_by(stride).map(first).collect();
+    let plan = Plan::new(sweep);
+    let stride = plan.groups().count().div_ceil(Lanes::COUNT).max(1);
+    let first = |runs: Range<usize>| runs.start..runs.start + 1;
+    let waiting: Vec<Range<usize>> = plan.groups().step_by(stride).map(first).collect();
     let time = |periods: u64| {
         let settings = [format!("sweep.periods={periods}"), "sweep.settle=0".into()];
         let short = |more: &[String]| load(&[more, &settings].concat());
         let (lot, next) = (waiting.len(), AtomicUsize::new(0));
-        let (leader, waiting) = (leader.clone(), waiting.clone());
-        let conductor = Conductor { sweep, load: &short, interrupts: &|| false, leader, waiting, lot, next };
+        let (waiting, states) = (waiting.clone(), BTreeMap::new());
+        let (plan, load, interrupts) = (&plan, &short, &|| false);
+        let conductor = Conductor { sweep, plan, load, interrupts, waiting, states, lot, next };
         let clock = Instant::now();
         let (sender, _receiver) = channel();
         conductor.work(&sender);
@@ -166,7 +156,7 @@ pub fn expected_time(sweep: &SweepSpec, load: &Loader) -> (usize, f64) {
     let one = time(1);
     let periods = ((WATCH / one) as u64).clamp(1, sweep.periods) + 1;
     let period = ((time(periods) - one) / (periods - 1) as f64).max(0.0);
-    let runs = groups.iter().map(Vec::len).sum::<usize>();
+    let runs = plan.count();
     let share = runs as f64 / waiting.len().max(1) as f64;
     (runs, share * (one + period * (sweep.periods - 1) as f64))
 }
@@ -174,14 +164,15 @@ pub fn expected_time(sweep: &SweepSpec, load: &Loader) -> (usize, f64) {
 impl Conductor<'_> {
     /// Makes lots of groups one after the other, until none is left or the sweep stops.
     fn work(&self, finished: &Sender<Noted>) {
-        // A run that fails here fails again where it is due, and says why.
-        let run = self.leader.as_ref().and_then(|planned| self.prepare(planned, None).ok());
+        // A run that fails here fails again where it is due, and says why. One group needs none.
+        let leads = self.plan.count() > self.plan.group_size();
+        let run = leads.then(|| self.prepare(&self.plan.typical_run(), None).ok()).flatten();
         let leader = run.as_ref().map(Leader::new);
         loop {
             let first = self.next.fetch_add(self.lot, Ordering::Relaxed);
             let last = self.waiting.len().min(first + self.lot);
             let Some(lot) = self.waiting.get(first..last).filter(|lot| !lot.is_empty()) else { return };
-            if self.make_lot(lot.to_vec(), leader.as_ref(), finished).is_none() {
+            if self.make_lot(lot, leader.as_ref(), finished).is_none() {
                 return;
             }
         }
@@ -191,25 +182,27 @@ impl Conductor<'_> {
     /// `None` where the sweep stops.
     fn make_lot(
         &self,
-        mut lot: Vec<Waiting>,
+        lot: &[Range<usize>],
         leader: Option<&Leader>,
         finished: &Sender<Noted>,
     ) -> Option<()> {
-        let most = lot.iter().map(|group| group.runs.len()).max().unwrap_or(0);
-        for place in 0..most {
-            let mut due: Vec<&mut Waiting> =
-                lot.iter_mut().filter(|group| place < group.runs.len()).collect();
-            let prepared: Vec<Result<PreparedRun>> =
-                due.iter().map(|group| self.prepare(&group.runs[place], group.state.as_ref())).collect();
-            let made = make_all(prepared, leader, self.interrupts)?;
-            for (group, made) in due.iter_mut().zip(made) {
+        let size = self.plan.group_size();
+        let mut rest: Vec<_> =
+            lot.iter().map(|runs| (runs.clone(), self.states.get(&runs.start).cloned())).collect();
+        while !rest.is_empty() {
+            let due: Vec<PlannedRun> = rest.iter().map(|(runs, _)| self.plan.run(runs.start)).collect();
+            let prepared = due.iter().zip(&rest).map(|(run, (_, state))| self.prepare(run, state.as_ref()));
+            let made = make_all(prepared.collect(), leader, self.interrupts)?;
+            for (((runs, state), planned), made) in rest.iter_mut().zip(&due).zip(made) {
                 let outcome = made.map(|(measures, last)| {
-                    group.state = group.is_carried.then_some(last);
+                    *state = (size > 1).then_some(last);
                     measures
                 });
-                let row = SweepRow::new(&group.runs[place], outcome.map_err(|why| why.to_string()));
-                finished.send((group.group, row, group.state.clone())).ok()?;
+                let row = SweepRow::new(planned, outcome.map_err(|why| why.to_string()));
+                finished.send((runs.start / size, row, state.clone())).ok()?;
+                runs.start += 1;
             }
+            rest.retain(|(runs, _)| !runs.is_empty());
         }
         Some(())
     }

@@ -33,7 +33,7 @@ pub use measures::{Measures, ProbeMeasures, repetition};
 #[cfg(feature = "petsc")]
 pub use on_ranks::RankedSweep;
 pub use pictures::{PICTURES, figures};
-pub use plan::{Direction, PlannedRun, groups, typical_run};
+pub use plan::{Direction, Plan, PlannedRun};
 pub use prepared_run::CarriedState;
 pub use report::{CSV, JSON, SweepReport};
 pub use row::{ProbeHead, SweepRow};

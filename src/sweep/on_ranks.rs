@@ -5,7 +5,7 @@
 //! own, so that no rank waits for another one but those of its own run.
 
 use super::conduct::{Loader, scene_at};
-use super::plan::{PlannedRun, groups};
+use super::plan::{Plan, PlannedRun};
 use super::prepared_run::{CarriedState, Finished, PreparedRun};
 use super::row::SweepRow;
 use super::store::SweepPart;
@@ -14,6 +14,7 @@ use crate::error::{Error, Result};
 use crate::petsc::Context;
 use crate::scene::SweepSpec;
 use crate::simulation::Model;
+use std::ops::Range;
 use std::rc::Rc;
 use std::time::Duration;
 
@@ -25,7 +26,7 @@ pub struct RankedSweep<'s> {
     pub load: &'s Loader<'s>,
     /// PETSc on the own group of ranks.
     pub context: &'s Rc<Context>,
-    /// Indices of the rows that are known from before.
+    /// Indices of the rows that are known from before, in ascending order.
     pub known: &'s [usize],
     /// Time that a failed rank waits for the others of its group to fail too.
     pub patience: Duration,
@@ -46,12 +47,12 @@ impl RankedSweep<'_> {
     ) -> Result<()> {
         let comm = self.context.comm();
         let stops = || comm.all_reduce_any(interrupts());
-        let mine = self.own_groups();
+        let plan = Plan::new(self.sweep);
         let mut rest = self.count();
-        for runs in mine {
+        for runs in self.own_groups() {
             let mut state = None;
-            for planned in &runs {
-                let made = self.make(planned, state.as_ref(), &stops);
+            for planned in runs.clone().map(|run| plan.run(run)) {
+                let made = self.make(&planned, state.as_ref(), &stops);
                 // All ranks of the group stop at the same step.
                 if matches!(made, Err(Error::Interrupted { .. })) {
                     return Err(Error::Stopped(format!("{rest} runs of a group of ranks are left")));
@@ -62,7 +63,7 @@ impl RankedSweep<'_> {
                     state = (runs.len() > 1).then_some(last);
                     measures
                 });
-                let row = SweepRow::new(planned, outcome.map_err(|why| why.to_string()));
+                let row = SweepRow::new(&planned, outcome.map_err(|why| why.to_string()));
                 rest -= 1;
                 told(&row);
                 comm.all_ok(part.as_mut().map_or(Ok(0), |part| part.add(&row)))?;
@@ -73,15 +74,17 @@ impl RankedSweep<'_> {
 
     /// Returns the number of runs that the own group makes.
     pub fn count(&self) -> usize {
-        self.own_groups().iter().map(Vec::len).sum()
+        self.own_groups().iter().map(Range::len).sum()
     }
 
     /// Returns the runs that the own group makes. Runs that continue each other are made again from
     /// the first one where any of them is missing, since no state is kept.
-    fn own_groups(&self) -> Vec<Vec<PlannedRun>> {
+    fn own_groups(&self) -> Vec<Range<usize>> {
         let (group, count) = self.context.group();
-        let is_missing = |runs: &Vec<PlannedRun>| runs.iter().any(|run| !self.known.contains(&run.index));
-        let missing = groups(self.sweep).into_iter().filter(is_missing).enumerate();
+        let is_missing =
+            |runs: &Range<usize>| runs.clone().any(|run| self.known.binary_search(&run).is_err());
+        let plan = Plan::new(self.sweep);
+        let missing = plan.groups().filter(is_missing).enumerate();
         missing.filter(|(place, _)| place % count == group).map(|(_, runs)| runs).collect()
     }
 

@@ -3,6 +3,7 @@
 
 use super::quantities::{is_main, quantities};
 use super::report::SweepReport;
+use super::row::SweepRow;
 use crate::geometry::range;
 use crate::output::plot::perspective::spread;
 use crate::output::plot::{Axis, Color, Curve, Figure, Panel, Ramp};
@@ -14,15 +15,19 @@ const MOST_RUNS: usize = 400;
 
 /// Returns the picture, whose colours tell the last of the measures that vary.
 pub(super) fn figure(report: &SweepReport) -> Figure {
-    let runs: Vec<_> = report.rows.iter().filter_map(|row| Some((row, row.measures.as_ref()?))).collect();
-    let runs = spread(&runs, MOST_RUNS);
+    let measured = || report.rows.iter().filter(|row| row.measures.is_some());
+    let numbers: Vec<usize> = (0..measured().count()).collect();
+    let drawn = spread(&numbers, MOST_RUNS);
+    let is_drawn = |run: &usize| drawn.binary_search(&run).is_ok();
+    let runs: Vec<SweepRow> =
+        (0..).zip(measured()).filter(|(run, _)| is_drawn(run)).map(|(_, row)| row).collect();
     let mut axes = Vec::new();
     for (key, name) in report.keys.iter().enumerate() {
-        let values: Vec<f64> = runs.iter().map(|(row, _)| row.values[key]).collect();
+        let values: Vec<f64> = runs.iter().map(|row| row.values[key]).collect();
         axes.push((name.clone(), unit(name).unwrap_or_default(), values));
     }
     for quantity in quantities(&report.probes).into_iter().filter(|quantity| is_main(&quantity.name)) {
-        let values = runs.iter().map(|(_, run)| (quantity.value)(run).unwrap_or(f64::NAN));
+        let values = runs.iter().map(|row| quantity.of_row(row).unwrap_or(f64::NAN));
         axes.push((quantity.name.clone(), quantity.unit.to_owned(), values.collect()));
     }
     axes.retain(|(_, _, values)| values.iter().any(|value| *value != values[0]));

@@ -7,7 +7,7 @@ use super::parallel::{self, shade};
 use super::plan::Direction;
 use super::random_pictures;
 use super::report::SweepReport;
-use super::row::{ProbeHead, SweepRow};
+use super::row::ProbeHead;
 use crate::geometry::range;
 use crate::output::plot::{Axis, Bar, Color, Curve, Figure, Panel, Ramp};
 use crate::scene::unit;
@@ -48,11 +48,10 @@ pub fn figures(report: &SweepReport) -> Vec<(&'static str, Figure)> {
     figures.into_iter().map(|(name, figure)| (name, figure.note(&report.command))).collect()
 }
 
-/// Returns the runs of a direction that did not fail.
-fn runs_of(report: &SweepReport, direction: Direction) -> impl Iterator<Item = (&SweepRow, &Measures)> {
-    let of_direction = move |row: &&SweepRow| row.direction == direction;
-    let runs = report.rows.iter().filter(of_direction);
-    runs.filter_map(|row| Some((row, row.measures.as_ref()?)))
+/// Returns the values and measures of the runs of a direction that did not fail.
+fn runs_of(report: &SweepReport, direction: Direction) -> impl Iterator<Item = (Vec<f64>, Measures)> {
+    let runs = report.rows.iter().filter(move |row| row.direction == direction);
+    runs.filter_map(|row| Some((row.values, row.measures?)))
 }
 
 /// Returns the directions that occur, each with its name and its place in the palette.
@@ -73,8 +72,9 @@ fn bifurcation(report: &SweepReport) -> Figure {
     let panel = |(index, probe): (usize, &ProbeHead)| {
         let panel = Panel::new(key_axis(report, 0), Axis::linear(label(report, probe), &*probe.unit));
         let curves = directions(report).map(|(direction, name, color)| {
-            let points = runs_of(report, direction).flat_map(|(row, measures)| {
-                measures.probes[index].section.iter().map(|value| [row.values[0], *value])
+            let points = runs_of(report, direction).flat_map(|(values, mut measures)| {
+                let section = std::mem::take(&mut measures.probes[index].section);
+                section.into_iter().map(move |value| [values[0], value])
             });
             Curve::new(name, points.collect()).distinct().palette(color).marks(0).size(0.12).scattered()
         });
@@ -108,7 +108,7 @@ fn quantities(report: &SweepReport, probes: usize, name: impl Fn(&ProbeHead) -> 
         quantities.push(("peak force".into(), "N", Box::new(|run| Some(run.peak_force))));
         quantities.push(("impact velocity".into(), "m/s", Box::new(|run| Some(run.impact_velocity))));
     }
-    if report.rows.iter().filter_map(|row| row.measures.as_ref()).any(|run| run.lyapunov.is_some()) {
+    if report.rows.iter().filter_map(|row| row.measures).any(|run| run.lyapunov.is_some()) {
         quantities.push(("Lyapunov exponent".into(), "1/s", Box::new(|run| run.lyapunov)));
     }
     quantities
@@ -116,13 +116,13 @@ fn quantities(report: &SweepReport, probes: usize, name: impl Fn(&ProbeHead) -> 
 
 /// Returns crosses at the places of runs whose motion does not repeat, if there are any: a value of
 /// such a run changes with the number of periods.
-fn unsettled<'r>(
-    runs: impl Iterator<Item = (&'r SweepRow, &'r Measures)>,
-    place: impl Fn(&SweepRow, &Measures) -> Option<[f64; 2]>,
+fn unsettled(
+    runs: impl Iterator<Item = (Vec<f64>, Measures)>,
+    place: impl Fn(&[f64], &Measures) -> Option<[f64; 2]>,
 ) -> Option<Curve> {
     // Without a probe nothing tells whether a motion repeats.
     let unsettled = runs.filter(|(_, run)| run.period.is_none() && !run.probes.is_empty());
-    let points: Vec<[f64; 2]> = unsettled.filter_map(|(row, run)| place(row, run)).collect();
+    let points: Vec<[f64; 2]> = unsettled.filter_map(|(values, run)| place(&values, &run)).collect();
     let name = "does not repeat";
     (!points.is_empty()).then(|| Curve::new(name, points).color(Color::GREY).marks(4).size(0.8).scattered())
 }
@@ -135,7 +135,7 @@ fn response(report: &SweepReport) -> Figure {
     let panel = |(index, (name, unit, value)): (usize, Quantity)| {
         let curves = directions(report).map(|(direction, name, color)| {
             let points = runs_of(report, direction)
-                .map(|(row, measures)| [row.values[0], value(measures).unwrap_or(f64::NAN)]);
+                .map(|(values, measures)| [values[0], value(&measures).unwrap_or(f64::NAN)]);
             // A single run is no line.
             let curve = Curve::new(name, points.collect()).palette(color).dashes(color).width(0.8);
             curve.marks(color).size(0.35)
@@ -143,7 +143,7 @@ fn response(report: &SweepReport) -> Figure {
         let axis = Axis::linear(name, unit).with([0.0]);
         let panel = Panel::new(key_axis(report, 0), axis).height(80.0).curves(curves);
         let runs = directions(report).flat_map(|(direction, ..)| runs_of(report, direction));
-        let panel = panel.curves(unsettled(runs, |row, run| Some([row.values[0], value(run)?])));
+        let panel = panel.curves(unsettled(runs, |values, run| Some([values[0], value(run)?])));
         if index < last { panel.without_x_labels() } else { panel }
     };
     quantities.into_iter().enumerate().map(panel).fold(Figure::new(&report.title), Figure::panel)
@@ -194,7 +194,7 @@ fn map_panel(
     value: &dyn Fn(&Measures) -> Option<f64>,
 ) -> Panel {
     let cells: Vec<([f64; 2], f64)> = runs_of(report, direction)
-        .filter_map(|(row, measures)| Some(([row.values[0], row.values[1]], value(measures)?)))
+        .filter_map(|(values, measures)| Some(([values[0], values[1]], value(&measures)?)))
         .collect();
     let [low, high] = range(cells.iter().map(|cell| cell.1));
     let edges = [0, 1].map(|key| edges(report.rows.iter().map(|row| row.values[key]).collect()));
@@ -208,7 +208,7 @@ fn map_panel(
         key_axis(report, key).with(ends).tight()
     };
     let ramp = Ramp::new(quantity, unit, [low, high], shade);
-    let place = |row: &SweepRow, run: &Measures| value(run).map(|_| [row.values[0], row.values[1]]);
+    let place = |values: &[f64], run: &Measures| value(run).map(|_| [values[0], values[1]]);
     // Grey would not show on colours between the ends.
     let crosses = unsettled(runs_of(report, direction), place).map(|crosses| crosses.palette(1));
     Panel::new(axis(0), axis(1)).height(130.0).bars(bars).curves(crosses).ramp(ramp)

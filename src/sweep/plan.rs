@@ -1,7 +1,8 @@
 //! Runs of a sweep: their values, their order, and which of them carry the state on.
 
-use crate::scene::{SweepOrder, SweepSpec};
+use crate::scene::{Draws, SweepOrder, SweepSpec};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Sense in which a run continues the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -39,49 +40,68 @@ pub struct PlannedRun {
     pub direction: Direction,
 }
 
-/// Returns the runs of a sweep in groups: a run continues the one before in its group, and no group
-/// depends on another. The first key varies within a group of runs that carry their state on.
-pub fn groups(sweep: &SweepSpec) -> Vec<Vec<PlannedRun>> {
-    if let Some(random) = &sweep.random {
-        let run = |(index, values)| vec![PlannedRun { index, values, direction: Direction::Apart }];
-        return random.draws().into_iter().enumerate().map(run).collect();
-    }
-    let first = &sweep.over[0].values;
-    let up = || first.iter().map(|value| (*value, Direction::Up));
-    let down = || first.iter().rev().map(|value| (*value, Direction::Down));
-    let legs: Vec<(f64, Direction)> = match sweep.direction {
-        SweepOrder::Apart => first.iter().map(|value| (*value, Direction::Apart)).collect(),
-        SweepOrder::Up => up().collect(),
-        SweepOrder::Down => down().collect(),
-        SweepOrder::UpAndDown => up().chain(down()).collect(),
-    };
-    let mut others = vec![Vec::new()];
-    for swept in &sweep.over[1..] {
-        let with =
-            |value: &f64| others.iter().map(|other| [&other[..], &[*value]].concat()).collect::<Vec<_>>();
-        others = swept.values.iter().flat_map(with).collect();
-    }
-    let mut count = 0;
-    let mut groups: Vec<Vec<PlannedRun>> = Vec::new();
-    for other in others {
-        let runs = legs.iter().map(|&(value, direction)| {
-            count += 1;
-            let values = std::iter::once(value).chain(other.iter().copied()).collect();
-            PlannedRun { index: count - 1, values, direction }
-        });
-        match sweep.direction {
-            SweepOrder::Apart => groups.extend(runs.map(|run| vec![run])),
-            _ => groups.push(runs.collect()),
-        }
-    }
-    groups
+/// Runs of a sweep in groups: a run continues the one before in its group, and no group depends on
+/// another. Each run is made when it is asked for.
+pub struct Plan<'s> {
+    sweep: &'s SweepSpec,
+    draws: Option<Draws<'s>>,
+    /// Values of the first key, which vary within a group of runs that carry their state on.
+    legs: Vec<(f64, Direction)>,
 }
 
-/// Returns a run that stands for all: the one of the medians of random keys, which no draw spoils,
-/// else the first of the plan.
-pub fn typical_run(sweep: &SweepSpec) -> Option<PlannedRun> {
-    match &sweep.random {
-        Some(random) => Some(PlannedRun { index: 0, values: random.medians(), direction: Direction::Apart }),
-        None => groups(sweep).into_iter().flatten().next(),
+impl Plan<'_> {
+    /// Creates the plan of a sweep.
+    pub fn new(sweep: &SweepSpec) -> Plan<'_> {
+        let first = || sweep.over.iter().take(1).flat_map(|swept| &swept.values);
+        let up = || first().map(|value| (*value, Direction::Up));
+        let mut legs: Vec<(f64, Direction)> = match sweep.direction {
+            SweepOrder::Apart => first().map(|value| (*value, Direction::Apart)).collect(),
+            SweepOrder::Up | SweepOrder::UpAndDown => up().collect(),
+            SweepOrder::Down => Vec::new(),
+        };
+        if let SweepOrder::Down | SweepOrder::UpAndDown = sweep.direction {
+            legs.extend(up().rev().map(|(value, _)| (value, Direction::Down)));
+        }
+        Plan { sweep, draws: sweep.random.as_ref().map(|random| random.draws()), legs }
+    }
+
+    /// Returns the number of runs.
+    pub fn count(&self) -> usize {
+        let others = self.sweep.over.iter().skip(1).map(|swept| swept.values.len()).product::<usize>();
+        self.sweep.random.as_ref().map_or(self.legs.len() * others, |random| random.runs as usize)
+    }
+
+    /// Returns the number of runs of each group.
+    pub fn group_size(&self) -> usize {
+        if self.sweep.direction == SweepOrder::Apart { 1 } else { self.legs.len() }
+    }
+
+    /// Returns the indices of the runs of each group.
+    pub fn groups(&self) -> impl Iterator<Item = Range<usize>> {
+        let size = self.group_size();
+        (0..self.count()).step_by(size).map(move |first| first..first + size)
+    }
+
+    /// Returns the run of an index.
+    pub fn run(&self, index: usize) -> PlannedRun {
+        if let Some(draws) = &self.draws {
+            return PlannedRun { index, values: draws.values(index), direction: Direction::Apart };
+        }
+        let (value, direction) = self.legs[index % self.legs.len()];
+        let (mut values, mut place) = (vec![value], index / self.legs.len());
+        for swept in &self.sweep.over[1..] {
+            values.push(swept.values[place % swept.values.len()]);
+            place /= swept.values.len();
+        }
+        PlannedRun { index, values, direction }
+    }
+
+    /// Returns a run that stands for all: the one of the medians of random keys, which no draw
+    /// spoils, else the first.
+    pub fn typical_run(&self) -> PlannedRun {
+        match &self.sweep.random {
+            Some(random) => PlannedRun { index: 0, values: random.medians(), direction: Direction::Apart },
+            None => self.run(0),
+        }
     }
 }

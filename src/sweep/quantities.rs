@@ -1,7 +1,7 @@
 //! Measures that are one number each, as columns of the table, as criteria and statistics see them.
 
 use super::measures::{Measures, ProbeMeasures};
-use super::row::ProbeHead;
+use super::row::{ProbeHead, SweepRow};
 
 /// Function that returns a number of a run, if there is one.
 type Reading<'q> = Box<dyn Fn(&Measures) -> Option<f64> + 'q>;
@@ -13,6 +13,13 @@ pub(super) struct Quantity<'q> {
     pub unit: &'q str,
     /// Returns the value, if a run has one.
     pub value: Reading<'q>,
+}
+
+impl Quantity<'_> {
+    /// Returns the value of a row, if it has one.
+    pub fn of_row(&self, row: &SweepRow) -> Option<f64> {
+        row.measures.as_ref().and_then(&self.value)
+    }
 }
 
 /// Returns the measures of all probes, and then those of the whole plate.

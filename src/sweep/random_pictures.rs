@@ -1,7 +1,6 @@
 //! Pictures of a sweep with random values: histograms and distributions of the measures, and
 //! sensitivity indices.
 
-use super::measures::Measures;
 use super::quantities::{Quantity, is_main, quantities};
 use super::report::SweepReport;
 use super::statistics::{MeasureStatistics, Sensitivity, SweepStatistics};
@@ -40,8 +39,7 @@ pub(super) fn figures(report: &SweepReport, statistics: &SweepStatistics) -> Vec
 
 /// Returns the values of a measure in ascending order.
 fn sorted(report: &SweepReport, quantity: &Quantity) -> Vec<f64> {
-    let runs = report.rows.iter().filter_map(|row| row.measures.as_ref());
-    let mut values: Vec<f64> = runs.filter_map(|run: &Measures| (quantity.value)(run)).collect();
+    let mut values: Vec<f64> = report.rows.iter().filter_map(|row| quantity.of_row(&row)).collect();
     values.sort_by(f64::total_cmp);
     values
 }

@@ -23,7 +23,7 @@ pub const JSON: &str = "sweep.json";
 pub const CSV: &str = "sweep.csv";
 
 /// Contents of `sweep.json`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SweepReport {
     /// Title of the scene.
     pub title: String,

@@ -1,9 +1,9 @@
 //! Statistics of a sweep with random values: probabilities of criteria, quantiles of measures, and
 //! sensitivity indices.
 
-use super::measures::Measures;
 use super::quantities::{Quantity, is_main, quantities};
 use super::row::{ProbeHead, SweepRow};
+use super::rows::SweepRows;
 use crate::field::{Condition, Names, Parameters};
 use crate::geometry::Point;
 use crate::output::text::{Table, significant_digits};
@@ -150,26 +150,26 @@ impl SweepStatistics {
         random: &RandomKeys,
         parameters: &Parameters,
         probes: &[ProbeHead],
-        rows: &[SweepRow],
+        rows: &SweepRows,
     ) -> SweepStatistics {
         let quantities = quantities(probes);
         let vocabulary = Vocabulary::new(random, parameters, &quantities);
         let keys = random.keys.len();
-        let is_independent = |row: &&SweepRow| random.points.is_independent(row.index, keys);
-        let draws: Vec<&SweepRow> = rows.iter().filter(is_independent).collect();
+        let draws = || rows.iter().filter(|row| random.points.is_independent(row.index, keys));
         let block = random.points.block(keys);
-        let has_indices = block > 1;
-        let blocks = rows.chunk_by(|one, other| one.index / block == other.index / block);
-        let blocks: Vec<&[SweepRow]> = blocks.filter(|rows| has_indices && rows.len() == block).collect();
-        let criterion = |expression: &String| criterion(&vocabulary, expression, &draws);
+        let criterion = |expression: &String| criterion(&vocabulary, expression, draws());
         let quantiles: Vec<MeasureStatistics> =
-            quantities.iter().filter_map(|quantity| distribution(quantity, &draws)).collect();
+            quantities.iter().filter_map(|quantity| distribution(quantity, draws())).collect();
         let varying = quantities.iter().filter(|quantity| {
-            quantiles.iter().any(|measure| measure.measure == quantity.name && measure.varies())
+            block > 1 && quantiles.iter().any(|measure| measure.measure == quantity.name && measure.varies())
         });
         let sensitivities = varying.flat_map(|quantity| {
+            let outcomes: Vec<(usize, Option<f64>)> =
+                rows.iter().map(|row| (row.index / block, quantity.of_row(&row))).collect();
+            let outcomes =
+                outcomes.chunk_by(|one, other| one.0 == other.0).filter(|rows| rows.len() == block);
             let outcomes: Vec<Vec<f64>> =
-                blocks.iter().filter_map(|rows| values(quantity, rows.iter())).collect();
+                outcomes.filter_map(|rows| rows.iter().map(|(_, value)| *value).collect()).collect();
             let named = vocabulary.keys.clone().into_iter().zip(indices(&outcomes));
             named.map(|(key, indices)| Sensitivity {
                 measure: quantity.name.clone(),
@@ -185,24 +185,19 @@ impl SweepStatistics {
     }
 }
 
-/// Returns the values of a measure in some rows; `None` where one has none.
-fn values<'r>(quantity: &Quantity, mut rows: impl Iterator<Item = &'r SweepRow>) -> Option<Vec<f64>> {
-    rows.try_fold(Vec::new(), |mut values, row| {
-        values.push(row.measures.as_ref().and_then(|run: &Measures| (quantity.value)(run))?);
-        Some(values)
-    })
-}
-
 /// Counts the runs that fulfil a criterion.
-fn criterion(vocabulary: &Vocabulary, expression: &str, draws: &[&SweepRow]) -> Criterion {
-    let answer = |row: &&SweepRow| {
-        let run = row.measures.as_ref()?;
-        vocabulary.read(expression, &row.values, |quantity| (quantity.value)(run)).ok()
-    };
-    let answers: Vec<bool> = draws.iter().filter_map(answer).collect();
-    let (runs, fulfilled) = (draws.len(), answers.iter().filter(|holds| **holds).count());
-    let undecided = runs - answers.len();
-    let probability = (!answers.is_empty()).then(|| fulfilled as f64 / answers.len() as f64);
+fn criterion(vocabulary: &Vocabulary, expression: &str, draws: impl Iterator<Item = SweepRow>) -> Criterion {
+    let (mut runs, mut fulfilled, mut undecided) = (0, 0, 0);
+    for row in draws {
+        let run = row.measures.as_ref();
+        let answer = run
+            .and_then(|run| vocabulary.read(expression, &row.values, |quantity| (quantity.value)(run)).ok());
+        runs += 1;
+        fulfilled += usize::from(answer == Some(true));
+        undecided += usize::from(answer.is_none());
+    }
+    let answers = runs - undecided;
+    let probability = (answers > 0).then(|| fulfilled as f64 / answers as f64);
     let (low, high) = (wilson(fulfilled, runs)[0], wilson(fulfilled + undecided, runs)[1]);
     Criterion { expression: expression.to_owned(), probability, low, high, runs, fulfilled, undecided }
 }
@@ -222,9 +217,8 @@ pub(super) fn wilson(fulfilled: usize, runs: usize) -> [f64; 2] {
 }
 
 /// Returns the distribution of a measure, if any run has it.
-fn distribution(quantity: &Quantity, draws: &[&SweepRow]) -> Option<MeasureStatistics> {
-    let value = |row: &&SweepRow| row.measures.as_ref().and_then(&quantity.value);
-    let mut values: Vec<f64> = draws.iter().filter_map(value).collect();
+fn distribution(quantity: &Quantity, draws: impl Iterator<Item = SweepRow>) -> Option<MeasureStatistics> {
+    let mut values: Vec<f64> = draws.filter_map(|row| quantity.of_row(&row)).collect();
     values.sort_by(f64::total_cmp);
     let runs = values.len();
     let (min, max) = (*values.first()?, *values.last()?);
@@ -350,12 +344,13 @@ mod tests {
     fn indices_of_ishigamis_function_are_the_known_ones() {
         let (a, b) = (7.0, 0.1);
         let key = Distribution::parse("uniform(-3.141592653589793, 3.141592653589793)").unwrap();
-        let value = |point: &Vec<f64>| {
+        let value = |point: &[f64]| {
             let [x, y, z] = [0, 1, 2].map(|i| key.quantile(point[i]));
             x.sin() + a * y.sin().powi(2) + b * z.powi(4) * x.sin()
         };
         let points = PointSet::Saltelli.points(1, 5 * 4096, 3);
-        let blocks: Vec<Vec<f64>> = points.chunks(5).map(|block| block.iter().map(value).collect()).collect();
+        let block = |block: usize| (5 * block..5 * block + 5).map(|run| value(&points.point(run))).collect();
+        let blocks: Vec<Vec<f64>> = (0..4096).map(block).collect();
         let [p4, p8] = [4, 8].map(|power| PI.powi(power));
         let parts = [0.5 * (1.0 + b * p4 / 5.0).powi(2), a * a / 8.0, 0.0];
         let both = b * b * p8 * 8.0 / 225.0;
@@ -374,15 +369,16 @@ mod tests {
     #[test]
     fn indices_of_a_linear_function_are_its_squares() {
         let points = PointSet::Saltelli.points(5, 4 * 512, 2);
-        let value = |point: &Vec<f64>| 3.0 * point[0] + 4.0 * point[1];
-        let blocks: Vec<Vec<f64>> = points.chunks(4).map(|block| block.iter().map(value).collect()).collect();
+        let value = |point: &[f64]| 3.0 * point[0] + 4.0 * point[1];
+        let block = |block: usize| (4 * block..4 * block + 4).map(|run| value(&points.point(run))).collect();
+        let blocks: Vec<Vec<f64>> = (0..512).map(block).collect();
         for (index, share) in indices(&blocks).iter().zip([0.36, 0.64]) {
             assert!((index.first - share).abs() < 4.0 * index.first_error, "{index:?}");
             assert!((index.total - share).abs() < 4.0 * index.total_error, "{index:?}");
         }
     }
 
-    /// Newcombe, SweepStatistics in Medicine 17 (1998) 857-872, table I.
+    /// Newcombe, Statistics in Medicine 17 (1998) 857-872, table I.
     #[test]
     fn intervals_are_wilsons() {
         let table = [(81, 263, [0.2553, 0.3662]), (15, 148, [0.0624, 0.1605]), (0, 20, [0.0, 0.1611])];

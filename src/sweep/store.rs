@@ -20,7 +20,6 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::{Path, PathBuf};
-use std::rc::Rc;
 
 /// Name of the file of finished runs.
 const ROWS: &str = "rows.jsonl";
@@ -29,30 +28,11 @@ const ROWS: &str = "rows.jsonl";
 pub struct SweepStore {
     folder: PathBuf,
     file: SweepPart,
-    known: KnownRows,
+    known: SweepRows,
     /// Last states, by group.
     states: BTreeMap<usize, CarriedState>,
     /// Receiver of each new row.
     told: Box<dyn FnMut(&SweepRow)>,
-}
-
-/// Rows by index.
-struct KnownRows {
-    rows: BTreeMap<usize, SweepRow>,
-    /// Places in the file, where sections are there alone.
-    places: Option<BTreeMap<usize, u64>>,
-}
-
-impl KnownRows {
-    /// Keeps a row at a place of the file.
-    fn keep(&mut self, mut row: SweepRow, place: u64) {
-        if let Some(places) = &mut self.places {
-            places.insert(row.index, place);
-            let probes = row.measures.iter_mut().flat_map(|measures| &mut measures.probes);
-            probes.for_each(|probe| probe.section = Vec::new());
-        }
-        self.rows.insert(row.index, row);
-    }
 }
 
 impl SweepStore {
@@ -71,13 +51,9 @@ impl SweepStore {
         };
         refuse_foreign(folder, "sweep", "--out", is_own)?;
         let (path, head) = (folder.join(ROWS), head(hash));
-        let places = (!has_sections).then(BTreeMap::new);
-        let mut memory = KnownRows { rows: BTreeMap::new(), places };
-        let keep = |row, place| {
-            memory.keep(row, place);
-            Ok(())
-        };
-        let stored = if overwrite { None } else { read_rows(&path, &head, keep)? };
+        let mut rows = SweepRows::empty(!has_sections);
+        let stored =
+            if overwrite { None } else { read_rows(&path, &head, |row, place| rows.keep(row, place))? };
         if let Some(Stored { is_foreign: true, .. }) = stored {
             return Err(Error::Usage(format!(
                 "{} holds the sweep of another scene, or with other values: --out DIR names another folder, --overwrite \
@@ -91,7 +67,7 @@ impl SweepStore {
             None => SweepPart::start_with(path, &head)?,
         };
         let (states, told) = (BTreeMap::new(), Box::new(|_: &SweepRow| {}));
-        let mut store = SweepStore { folder: folder.to_owned(), file, known: memory, states, told };
+        let mut store = SweepStore { folder: folder.to_owned(), file, known: rows, states, told };
         for (_, part) in paths_between(folder, "rows-", ".jsonl") {
             if !overwrite {
                 read_rows(&part, &head, |row, _| store.add(row))?;
@@ -110,9 +86,9 @@ impl SweepStore {
         self.told = Box::new(told);
     }
 
-    /// Returns the indices of the runs that are known.
+    /// Returns the indices of the runs that are known, in ascending order.
     pub fn indices(&self) -> Vec<usize> {
-        self.known.rows.keys().copied().collect()
+        self.known.indices()
     }
 
     /// Returns the paths of the states by group.
@@ -148,8 +124,7 @@ impl SweepStore {
     /// Adds a row to the file and to those that are known.
     fn add(&mut self, row: SweepRow) -> Result<()> {
         let place = self.file.add(&row)?;
-        self.known.keep(row, place);
-        Ok(())
+        self.known.keep(row, place)
     }
 
     /// Takes the rows that are known out of the store, in the order of the plan.
@@ -157,11 +132,7 @@ impl SweepStore {
     /// # Errors
     /// Returns [`Error::Io`] where their file cannot be read.
     pub fn take_rows(&mut self) -> Result<SweepRows> {
-        let rows = std::mem::take(&mut self.known.rows).into_values().collect();
-        let Some(places) = self.known.places.take() else { return Ok(SweepRows::from(rows)) };
-        let path = &self.file.path;
-        let file = input::open_plain(File::options().read(true), path).map_err(Error::io(path))?;
-        Ok(SweepRows { rows, file: Some(Rc::new((file, places))) })
+        std::mem::take(&mut self.known).with_sections_in(&self.file.path)
     }
 }
 
@@ -258,7 +229,7 @@ fn line(row: &SweepRow) -> String {
 
 impl SweepRecord for SweepStore {
     fn is_known(&self, index: usize) -> bool {
-        self.known.rows.contains_key(&index)
+        self.known.has(index)
     }
 
     fn state(&self, group: usize) -> Option<CarriedState> {

@@ -3,7 +3,7 @@
 
 use super::sweeps::{LOAD, heave, linear, rows_of};
 use rebond::scene::Scene;
-use rebond::sweep::{MeasureStatistics, SweepReport, SweepStatistics};
+use rebond::sweep::{MeasureStatistics, SweepReport, SweepRows, SweepStatistics};
 
 const RUNS: usize = 400;
 
@@ -23,7 +23,7 @@ fn statistics(random: &str, more: &str) -> SweepStatistics {
         let amplitude = row.measures.as_ref().unwrap().probes[0].amplitude;
         assert!((amplitude / (row.values[0] * linear(0.5)) - 1.0).abs() < 1e-3, "{row:?}");
     }
-    SweepReport::new(&scene, String::new(), rows.into()).statistics.unwrap()
+    SweepReport::new(&scene, String::new(), SweepRows::new(rows).unwrap()).statistics.unwrap()
 }
 
 /// Returns the least and the largest number of successes that differ from the mean no more than 999

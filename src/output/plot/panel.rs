@@ -86,6 +86,7 @@ impl Curve {
             let place = [0, 1].map(|axis| ((point[axis] - grain[axis][0]) * grain[axis][1]).round() as i64);
             seen.insert(place)
         });
+        self.points.shrink_to_fit();
         self
     }
 
