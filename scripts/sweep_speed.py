@@ -1,12 +1,15 @@
 #!/usr/bin/env python3
 """Measures what a sweep costs against one process per value, in turns.
 
-    scripts/sweep_speed.py [--values 161] [--rounds 1] [--jobs 2] [--before COMMIT]
+    scripts/sweep_speed.py [--values 161] [--runs 1000 10000] [--rounds 1] [--jobs 2] [--before COMMIT]
 
 Both make the runs of scenes/gallery/chaos.toml over its load, with the same periods and steps: one
 `rebond sweep`, and for each value one `rebond run` that writes a row per period, on as many threads.
 Each is made as the scene stands and with time.mass = "modal". The script prints seconds of the clock
 and of the processor, and their ratios.
+
+It also makes random sweeps of that scene with more and more runs, and prints what a step of a run costs
+and the memory of the program.
 
 Before there was the command, scripts/bifurcation.py made the diagram with one process per value. With
 `--before 46a1d2c` the script and program of this commit are measured too, as that scene stands; they are
@@ -26,11 +29,14 @@ ROOT = Path(__file__).resolve().parent.parent
 SCENE = ROOT / "scenes/gallery/chaos.toml"
 FIRST, LAST = 90.0, 250.0
 MASSES = ["singular", "modal"]
+# Periods of each run, and steps of each period, as the scene says.
+PERIODS, STEPS = 200, 200
 
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--values", type=int, default=161, help="number of values (161)")
+    parser.add_argument("--runs", type=int, nargs="*", default=[1000, 10000], help="runs of random sweeps (1000 10000)")
     parser.add_argument("--rounds", type=int, default=1, help="rounds of all measurements, of which the least count (1)")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="threads of either way (all processors)")
     parser.add_argument("--rebond", default=str(ROOT / "target/release/rebond"), help="path of the program")
@@ -74,6 +80,20 @@ def sweep(args, mass):
         subprocess.run([*command, *over, *settings(args, mass)], check=True)
 
 
+def random_sweep(args, runs):
+    """Makes a random sweep; returns its seconds of the clock, of the processor, and its memory (MB)."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [args.rebond, "sweep", str(SCENE), "--quiet", "--out", folder, "--jobs", str(args.jobs)]
+        random = ["--random", f"amplitude=uniform({FIRST},{LAST})", "--runs", str(runs)]
+        clock = time.perf_counter()
+        process = subprocess.Popen([*command, *random, *settings(args, "singular")])
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.returncode:
+            sys.exit(f"a random sweep ended with {process.returncode}")
+        return time.perf_counter() - clock, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024
+
+
 def built(commit):
     """Returns a clone of this repository at the commit, with the program built in it."""
     clone = ROOT / "target/before" / commit
@@ -111,6 +131,11 @@ def main():
             f"  {seconds[0] / least[way][0]:8.1f} {seconds[1] / least[way][1]:8.1f}  " for way in ways if name in others
         )
         print(f"{name:32}{seconds[0]:8.2f}{seconds[1]:8.2f}{ratios}".rstrip())
+    print("\nrandom sweeps: per step of a run, ns of the clock and of the processor; memory")
+    for runs in args.runs:
+        clock, used, memory = random_sweep(args, runs)
+        steps = runs * PERIODS * STEPS
+        print(f"{runs:10} runs  {1e9 * clock / steps:22.1f}{1e9 * used / steps:8.1f}{memory:10.0f} MB")
 
 
 if __name__ == "__main__":
