@@ -69,7 +69,7 @@ pub(super) fn judged(
         warnings.extend(linearity::warning(scene, model));
         warnings.extend(modal_figures::warning(model));
     }
-    warnings.into_iter().map(|warning| scene.with_ordinal(warning)).collect()
+    scene.joined(&warnings)
 }
 
 /// Range of Young's moduli (Pa), from rubber to diamond, and of densities (kg/m3), from foam to

@@ -240,9 +240,12 @@ fn many_rows_and_snapshots_are_thinned_and_peaks_stay() {
 fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
     let scene = SCENE.replace("fields_every = 20\nsubdivide = 3\n", "").replace("stresses = true\n", "");
     let scene = scene.replace("obstacle = [{ side = \"below\", height = -0.1 }]", "");
-    let bolts = ["[0.6, 0.0]", "[0.6, 0.4]", "[1.2, 0.2]"];
-    let bolts =
-        [1, 2, 3].map(|i| format!(", {{ name = \"bolt {i}\", at = {}, kind = \"clamped\" }}", bolts[i - 1]));
+    let bolts = [
+        "[0.6, 0.0], kind = \"clamped\"",
+        "[0.6, 0.4], kind = \"guided\"",
+        "[1.2, 0.2], kind = \"clamped\", radius = 1e-3",
+    ];
+    let bolts = [1, 2, 3].map(|i| format!(", {{ name = \"bolt {i}\", at = {} }}", bolts[i - 1]));
     let clamped = CLAMPED.trim_end().trim_end_matches(']');
     let scene = scene.replace(clamped, &(clamped.to_owned() + &bolts.concat()));
     let folder = folder("report-bare", &scene);

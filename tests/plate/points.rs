@@ -34,6 +34,12 @@ fn a_point_holds_no_slope() {
     }
     let pinned = r#"{ at = [0.09, 0.09], kind = "simply_supported" }"#;
     assert_eq!(warnings(&format!("{pinned}, {EDGE}"), ""), [""; 0]);
+    // Equal warnings are joined, and name all supports.
+    let bolt = |at: f64, name: &str| format!(r#"{{ at = [{at}, {at}], kind = "clamped"{name} }}"#);
+    let bolts = [bolt(0.03, ""), bolt(0.06, r#", name = "bolt""#), bolt(0.09, ""), EDGE.to_owned()];
+    let said = warnings(&bolts.join(", "), "");
+    assert_eq!(said.len(), 1, "{said:?}");
+    assert!(said[0].starts_with("support 1, 2 (\"bolt\") and 3: at: a point cannot hold"), "{said:?}");
 }
 
 /// The largest stress of a run grows too where a point is held or loaded, but not under a washer.
