@@ -27,7 +27,10 @@ impl OutputMode {
     pub fn print(self, report: &impl std::fmt::Display, value: &impl serde::Serialize) -> Result<()> {
         match (self.json, self.quiet) {
             (true, _) => print(&json(value)?),
-            (false, false) => print(&report.to_string()),
+            (false, false) => {
+                let [on, off] = colour(&std::io::stdout());
+                print(&report.to_string().replace("\n  warning ", &format!("\n  {on}warning{off} ")))
+            }
             (false, true) => Ok(()),
         }
     }
@@ -54,12 +57,14 @@ pub(super) fn print(text: &str) -> Result<()> {
 
 /// Returns a warning for standard error, with colour on a terminal.
 pub(super) fn warning(text: &str) -> String {
-    let is_plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-    let (on, off) = match std::io::stderr().is_terminal() && !is_plain {
-        true => ("\x1b[33m", "\x1b[0m"),
-        false => ("", ""),
-    };
+    let [on, off] = colour(&std::io::stderr());
     format!("{on}warning:{off} {text}")
+}
+
+/// Returns what switches the colour of warnings on and off on a terminal; nothing on others.
+fn colour(stream: &impl IsTerminal) -> [&'static str; 2] {
+    let is_plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    if stream.is_terminal() && !is_plain { ["\x1b[33m", "\x1b[0m"] } else { [""; 2] }
 }
 
 /// Returns the command as a shell would take it again, for the foot of a plot.
