@@ -1,5 +1,6 @@
 //! Cache of natural modes, for commands that build models.
 
+use super::printing;
 use crate::modes::{self, Store, cache_folder};
 use clap::Args;
 use std::env;
@@ -17,6 +18,8 @@ pub(super) struct CacheArgs {
 pub(super) struct ModeCache {
     store: Option<Arc<Store>>,
     is_silent: bool,
+    /// Whether only warnings are told.
+    pub is_brief: bool,
 }
 
 impl CacheArgs {
@@ -25,7 +28,7 @@ impl CacheArgs {
         let folder = if self.no_cache { None } else { cache_folder(|name| env::var_os(name)) };
         let store = folder.map(|folder| Arc::new(Store::new(folder)));
         modes::keep_in(store.clone());
-        ModeCache { store, is_silent }
+        ModeCache { store, is_silent, is_brief: false }
     }
 }
 
@@ -33,7 +36,13 @@ impl ModeCache {
     /// Passes lines on what was read and written to `say`, unless in quiet mode.
     pub fn tell(&self, say: impl Fn(&str)) {
         let lines = self.store.iter().flat_map(|store| store.take_lines());
-        lines.filter(|_| !self.is_silent).for_each(|line| say(&line));
+        for line in lines.filter(|_| !self.is_silent) {
+            match line.strip_prefix("warning: ") {
+                Some(text) => say(&printing::warning(text)),
+                None if self.is_brief => {}
+                None => say(&line),
+            }
+        }
     }
 }
 

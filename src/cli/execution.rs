@@ -31,7 +31,8 @@ impl Job {
                 let _claim = RunLock::new(folder, identity)?;
                 self.announce("")?;
                 let set_up = SetUpTold::new(self.voice);
-                let cache = self.cache.open(self.voice.is_silent());
+                let mut cache = self.cache.open(self.voice.is_silent());
+                cache.is_brief = !self.verbose;
                 let model = Model::new(scene)?;
                 cache.tell(|line| set_up.say(line));
                 set_up.part("frequencies");

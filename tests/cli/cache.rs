@@ -33,7 +33,8 @@ fn rebond(folder: &Path, arguments: &[&str]) -> Output {
 
 /// Runs the scene into a folder and returns standard error.
 fn run(folder: &Path, out: &str, more: &[&str]) -> String {
-    let output = rebond(folder, &[&["run", "fall.toml", "--out", out, "--overwrite"], more].concat());
+    let arguments = ["run", "fall.toml", "--verbose", "--out", out, "--overwrite"];
+    let output = rebond(folder, &[&arguments, more].concat());
     succeeds(&output);
     text(&output.stderr)
 }
@@ -74,6 +75,9 @@ fn a_second_run_reads_the_modes_and_has_the_same_results() {
     assert_same(&folder, "first", "second");
     assert_same(&folder, "first", "without");
     assert!(run(&folder, "quiet", &["--quiet"]).is_empty());
+    let plain = rebond(&folder, &["run", "fall.toml", "--out", "plain"]);
+    succeeds(&plain);
+    assert!(!text(&plain.stderr).contains("modes:"), "{}", text(&plain.stderr));
     let off = Command::new(env!("CARGO_BIN_EXE_rebond"))
         .args(["run", "fall.toml", "--out", "off"])
         .env("REBOND_CACHE", "")
@@ -253,7 +257,7 @@ fn a_run_resumes_with_and_without_kept_modes() {
     run(&folder, "whole", &[]);
     for (name, more) in [("with", &[][..]), ("without", &["--no-cache"])] {
         run(&folder, name, &["--set", "time.end=0.06"]);
-        let output = rebond(&folder, &[&["resume", name, "--until", "0.08"], more].concat());
+        let output = rebond(&folder, &[&["resume", name, "--verbose", "--until", "0.08"], more].concat());
         succeeds(&output);
         assert_eq!(text(&output.stderr).contains("read from "), more.is_empty());
         assert_same(&folder, "whole", name);
