@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::{Cell, Mesh};
 use crate::error::{Error, Result};
-use crate::geometry::{list, require_convex, sides};
+use crate::geometry::{self, Point, require_convex, sides};
 
 /// Distance, relative to an edge's length, up to which a node lies on the edge. It is smaller than
 /// the distance that [`require_convex`] keeps between a cell's own nodes and edges.
@@ -19,6 +19,12 @@ enum Touch {
     Node(usize, f64),
     /// Between the nodes of the edge.
     Side(f64),
+}
+
+/// Lists points with six digits of their coordinates.
+fn list(points: &[Point]) -> String {
+    let rounded = |x: f64| format!("{x:.5e}").parse().unwrap_or(x);
+    geometry::list(&points.iter().map(|point| point.map(rounded)).collect::<Vec<_>>())
 }
 
 /// Returns a merging distance for nodes at a distance: ten times more, with one digit.

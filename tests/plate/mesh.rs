@@ -247,6 +247,7 @@ fn a_flawed_mesh_is_refused_and_the_culprit_named() {
         },
         &["node 5 at (1.125, 0.4375) hangs", "(1, -0.125), (1.25, 1) of cell 0"],
     );
+    refused(|mesh| mesh.nodes.push(Point::new(0.1 + 0.2, 1.0 / 3.0)), &["node 5 at (0.3, 0.333333)"]);
 }
 
 #[test]
