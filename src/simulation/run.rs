@@ -23,8 +23,8 @@ pub fn run<E: Engine>(
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
     phase("factorisation");
-    let scheme = model.scheme_with(scene, solver).map_err(|why| scene.explain(why))?;
-    run_scheme(scene, model, scheme, clock.elapsed().as_secs_f64(), observer)
+    let mut scheme = model.scheme_with(scene, solver).map_err(|why| scene.explain(why))?;
+    run_scheme(scene, model, scheme.as_mut(), clock.elapsed().as_secs_f64(), observer)
 }
 
 impl<E: Engine + 'static> Model<E> {
@@ -52,9 +52,9 @@ pub fn resume<E: Engine>(
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
     phase("factorisation");
-    let scheme = model.scheme_with(scene, solver).map_err(|why| scene.explain(why))?;
+    let mut scheme = model.scheme_with(scene, solver).map_err(|why| scene.explain(why))?;
     let part = Some(state.part(model)?);
-    run_from(scene, model, scheme, clock.elapsed().as_secs_f64(), part, observer)
+    run_from(scene, model, scheme.as_mut(), clock.elapsed().as_secs_f64(), part, observer)
 }
 
 /// Runs a model like [`run`], with a scheme at its start, which took `seconds` to build.
@@ -64,7 +64,7 @@ pub fn resume<E: Engine>(
 pub fn run_scheme<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
-    scheme: Box<dyn Scheme + '_>,
+    scheme: &mut dyn Scheme,
     seconds: f64,
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
@@ -75,7 +75,7 @@ pub fn run_scheme<E: Engine>(
 fn run_from<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
-    mut scheme: Box<dyn Scheme + '_>,
+    scheme: &mut dyn Scheme,
     seconds: f64,
     from: Option<Archive>,
     observer: &mut dyn Observer,
@@ -83,14 +83,14 @@ fn run_from<E: Engine>(
     if model.reactions.is_some() {
         scheme.keep_balance()?;
     }
-    let mut outcome = Outcome::new(model, scheme.as_ref(), seconds)?;
-    let mut monitor = RunMonitor::new(scene, model, scheme.as_ref())?;
+    let mut outcome = Outcome::new(model, scheme, seconds)?;
+    let mut monitor = RunMonitor::new(scene, model, scheme)?;
     if let Some(mut archive) = from {
-        monitor.archive(model, scheme.as_mut(), &mut outcome, &mut archive)?;
+        monitor.archive(model, scheme, &mut outcome, &mut archive)?;
     }
-    let ended = time_loop(scene, model, scheme.as_mut(), &mut outcome, &mut monitor, observer);
+    let ended = time_loop(scene, model, scheme, &mut outcome, &mut monitor, observer);
     outcome.forces = monitor.forces.summary(scheme.time());
-    let dissipated = model.friction(scene, scheme.as_ref()).into_iter();
+    let dissipated = model.friction(scene, scheme).into_iter();
     outcome.dissipated = scene.slider_names().zip(dissipated.map(|[_, dissipated]| dissipated)).collect();
     let of_obstacles =
         scene.obstacles.iter().zip(monitor.forces.obstacles()).zip(scheme.dissipated_by_obstacles());

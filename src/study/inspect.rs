@@ -429,17 +429,19 @@ fn stopwatch(scene: &Scene, model: &Model) -> Result<Watched> {
     let clock = Instant::now();
     let mut scheme = model.scheme(scene)?;
     let set_up = model.seconds.iter().sum::<f64>() + clock.elapsed().as_secs_f64();
+    let mut first = FirstSteps { begin: clock, steps: 0, seconds: 0.0, touches: false, line: String::new() };
+    let still = Scene { output: Output { fields: None, ..scene.output.clone() }, ..scene.clone() };
+    let (_, ended) = simulation::run_scheme(&still, model, scheme.as_mut(), set_up, &mut first)?;
+    let failure = ended.err().filter(|error| !matches!(error, Error::Interrupted { .. }));
+    // A plate in motion: zeros at the start take no place on the disk.
     let bits = scene.output.fields.map_or(64, |fields| fields.precision);
     let sample = |fields: &Fields| {
         fields.sample(&model.system, scheme.as_mut()).map(|snapshot| vtu::size(&snapshot, bits))
     };
     let begin = Instant::now();
-    let snapshot = model.fields.as_ref().map(sample).transpose()?;
+    let snapshot = model.fields.as_ref().map(sample).transpose();
+    let snapshot = if failure.is_some() { snapshot.unwrap_or_default() } else { snapshot? };
     let snapshot = snapshot.map(|bytes| (bytes, begin.elapsed().as_secs_f64()));
-    let mut first = FirstSteps { begin: clock, steps: 0, seconds: 0.0, touches: false, line: String::new() };
-    let still = Scene { output: Output { fields: None, ..scene.output.clone() }, ..scene.clone() };
-    let (_, ended) = simulation::run_scheme(&still, model, scheme, set_up, &mut first)?;
-    let failure = ended.err().filter(|error| !matches!(error, Error::Interrupted { .. }));
     let FirstSteps { steps, seconds, touches, .. } = first;
     Ok(Watched { set_up, seconds_per_step: seconds / steps.max(1) as f64, touches, failure, snapshot })
 }

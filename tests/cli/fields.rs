@@ -69,6 +69,23 @@ fn snapshots_have_balls() {
 
 const RUN: [&str; 6] = ["run", "fall.toml", "--quiet", "--overwrite", "--out", "run"];
 
+/// A check tells the size of snapshots on the disk, also where the plate starts flat and at rest.
+#[test]
+fn a_check_tells_the_size_of_snapshots() {
+    let folder = folder("size");
+    for refine in ["mesh.refine=0", "mesh.refine=3"] {
+        let start = ["--set", "initial.static_pressure=0", "--set", "load.pressure=1e3"];
+        let more = [&start[..], &["--set", refine, "--set", "output.fields_every=100"]].concat();
+        succeeds(&folder, &[&RUN[..], &more].concat());
+        let check = succeeds(&folder, &[&["check", "fall.toml", "--json"], &more[..]].concat());
+        let check: serde_json::Value = serde_json::from_str(&check).unwrap();
+        let files = fs::read_dir(folder.join("run/fields")).unwrap();
+        let size: u64 = files.map(|file| file.unwrap().metadata().unwrap().len()).sum();
+        let told = check["snapshots"].as_f64().unwrap() / size as f64;
+        assert!((told - 1.0).abs() < 0.2, "{refine}: {told} of the size");
+    }
+}
+
 #[test]
 fn snapshots_come_when_asked_and_agree_with_the_history() {
     let folder = folder("agree");

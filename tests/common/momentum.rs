@@ -132,9 +132,10 @@ impl<'m, E: Engine> Upward<'m, E> {
             samples.borrow_mut().push(self.sample(scheme, acting)?);
             Ok(())
         };
-        let watched = Box::new(Watched { scheme, note: &mut note });
         let mut rows = Rows::default();
-        let (_, ended) = simulation::run_scheme(scene, self.model, watched, 0.0, &mut rows)?;
+        let mut watched = Watched { scheme, note: &mut note };
+        let (_, ended) = simulation::run_scheme(scene, self.model, &mut watched, 0.0, &mut rows)?;
+        drop(watched);
         ended?;
         let (Rows(rows), samples) = (rows, samples.into_inner());
         assert_eq!(rows.len(), samples.len());

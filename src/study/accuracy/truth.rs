@@ -187,9 +187,9 @@ impl ReferenceSolution {
 fn exactly(scene: &Scene, stride: f64, keep_fields: bool) -> Result<(Trajectory, Outcome)> {
     let model = Model::new(scene)?;
     let options = ExactOptions { stride, ..ExactOptions::default() };
-    let scheme = Exact::with_options(&model.system, scene.time.step, model.start.clone(), options)?;
+    let mut scheme = Exact::with_options(&model.system, scene.time.step, model.start.clone(), options)?;
     Trajectory::record(scene, keep_fields, |trajectory| {
-        simulation::run_scheme(scene, &model, Box::new(scheme), 0.0, trajectory)
+        simulation::run_scheme(scene, &model, &mut scheme, 0.0, trajectory)
     })
 }
 
