@@ -87,8 +87,9 @@ pub(super) const FUNCTIONS: [(&str, Function); 28] = [
 ];
 
 /// Units that stand in formulas by mistake.
-const UNITS: [&str; 17] = [
-    "Pa", "kPa", "MPa", "GPa", "bar", "Hz", "kHz", "rpm", "N", "kN", "mm", "um", "ms", "us", "deg", "kg", "J",
+const UNITS: [&str; 22] = [
+    "Pa", "kPa", "MPa", "GPa", "bar", "Hz", "kHz", "rpm", "N", "kN", "m", "cm", "mm", "um", "s", "ms", "us",
+    "deg", "rad", "g", "kg", "J",
 ];
 
 /// Hint at the units that a user writes behind numbers.
@@ -354,7 +355,7 @@ impl<'a> Parser<'a> {
         if Name::ALL.iter().any(|name| name.word() == word) {
             return self.fault(start, format!("{word} is not known here; {expected}"));
         }
-        let hint = if UNITS.contains(&word) { NO_UNITS.to_owned() } else { self.hint(word) };
+        let hint = if self.is_unit(word) { NO_UNITS.to_owned() } else { self.hint(word) };
         self.fault(start, format!("{} is not known; {expected}, or a function{hint}", cut(word)))
     }
 
@@ -440,7 +441,7 @@ impl<'a> Parser<'a> {
         let token = cut(&self.text[self.span.clone()]);
         let hint = match self.token {
             Token::Symbol(",") => "; a decimal point is written .",
-            _ if UNITS.contains(&&self.text[self.span.clone()]) => NO_UNITS,
+            _ if self.is_unit(&self.text[self.span.clone()]) => NO_UNITS,
             Token::Symbol(_) if self.infix().is_some() => "",
             _ => "; a product is written with *",
         };
@@ -461,6 +462,11 @@ impl<'a> Parser<'a> {
         }
         let names = [self.values(), FUNCTIONS.map(|(name, _)| name).to_vec()].concat();
         suggestion(word, &names)
+    }
+
+    /// Returns whether a word is a unit, and no name of this formula.
+    fn is_unit(&self, word: &str) -> bool {
+        UNITS.contains(&word) && !self.values().contains(&word)
     }
 
     /// Returns the names of variables, parameters and constants.

@@ -109,6 +109,11 @@ fn faults_point_into_the_formula() {
             "5*bar",
             "column 3: bar is not known; expected x, y, t, pi or e, or a function; a formula has no units, its key has one",
         ),
+        (
+            "3 m/s2",
+            "column 3: found m; expected an operator or the end; a formula has no units, its key has one",
+        ),
+        ("3g", "column 2: found g; expected an operator or the end; a formula has no units, its key has one"),
         ("1..2", "column 3: found .2; expected an operator or the end; a product is written with *"),
         ("x + .", "column 5: . is not a number"),
         ("1e400*x", "column 1: 1e400 is too large for a number"),
