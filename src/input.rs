@@ -64,17 +64,28 @@ fn read_like(path: &Path, most: u64, ending: &str) -> Result<Vec<u8>> {
 /// Adds the nearest name in its folder, of some ending where there is one, to the error of a file
 /// that is not there.
 fn with_nearest(path: &Path, ending: &str, why: io::Error) -> io::Error {
-    let (Some(name), io::ErrorKind::NotFound) = (path.file_name(), why.kind()) else { return why };
-    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    let files = fs::read_dir(folder).into_iter().flatten().flatten();
-    let names: Vec<String> = files.map(|file| file.file_name().to_string_lossy().into_owned()).collect();
-    let hints = [ending, ""].map(|ending| {
-        let names: Vec<&str> =
-            names.iter().map(String::as_str).filter(|name| name.ends_with(ending)).collect();
-        suggestion(&name.to_string_lossy(), &names)
-    });
+    if why.kind() != io::ErrorKind::NotFound {
+        return why;
+    }
+    let hints = [ending, ""].map(|ending| nearest(path, |near| near.to_string_lossy().ends_with(ending)));
     let hint = hints.into_iter().find(|hint| !hint.is_empty()).unwrap_or_default();
     io::Error::new(why.kind(), format!("there is no such file{hint}"))
+}
+
+/// Returns a hint at the nearest name in its folder that fits, for a path with nothing there; for
+/// one in a folder that is not there, at the nearest folder.
+pub(crate) fn nearest(path: &Path, fits: impl Fn(&Path) -> bool) -> String {
+    let Some(name) = path.file_name().filter(|_| !path.exists()) else { return String::new() };
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    if !folder.exists() {
+        return nearest(folder, Path::is_dir);
+    }
+    let paths = fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let names = paths
+        .filter(|path| fits(path))
+        .filter_map(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
+    let names: Vec<String> = names.collect();
+    suggestion(&name.to_string_lossy(), &names.iter().map(String::as_str).collect::<Vec<_>>())
 }
 
 /// Opens a file that this program writes, or one that it wrote, by its own name.

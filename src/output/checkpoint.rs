@@ -168,7 +168,10 @@ impl Checkpoint {
                     "{name}: the run is done; `rebond resume {name} --until T` goes on to a later end, in s"
                 )
             }
-            None => format!("{name}: no checkpoint to go on from: not the folder of an unfinished run"),
+            None => {
+                let near = input::nearest(folder, Path::is_dir);
+                format!("{name}: no checkpoint to go on from: not the folder of an unfinished run{near}")
+            }
         }))
     }
 }

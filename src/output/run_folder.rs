@@ -219,7 +219,7 @@ fn read_summary(folder: &Path) -> Result<Value> {
     let Some(text) = if_there(&path, fs::read_to_string(&path))? else {
         let shown = folder.display();
         let (absent, what) = if !folder.is_dir() {
-            (folder, "there is no such folder".to_owned())
+            (folder, format!("there is no such folder{}", input::nearest(folder, Path::is_dir)))
         } else if checkpoint::any(folder)? {
             (&*path, format!("not there, the run is unfinished: `rebond resume {shown}` goes on with it"))
         } else if folder.join(history::FILE).exists() {

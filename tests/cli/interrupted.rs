@@ -292,6 +292,8 @@ fn damage_is_never_taken_for_a_checkpoint() {
         4,
         &["run: no checkpoint", "not the folder of an unfinished run"],
     );
+    fs::create_dir_all(folder.join("runs/fall")).unwrap();
+    assert_fails(&rebond(&folder, &["resume", "runs/fal"]), 4, &["unfinished run (did you mean fall?)"]);
 }
 
 #[test]

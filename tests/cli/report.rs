@@ -267,6 +267,7 @@ fn other_folders_are_refused_in_one_line() {
     let folder = folder("report-bad", SCENE);
     let report = |run: &str| rebond(&folder, &["report", run]);
     assert_fails(&report("nowhere"), 4, &["nowhere: there is no such folder"]);
+    assert_fails(&report("../report-bed"), 4, &["no such folder (did you mean report-bad?)"]);
     fs::create_dir(folder.join("empty")).unwrap();
     assert_fails(&report("empty"), 4, &["empty/summary.json", "holds no run"]);
     succeeds(&rebond(&folder, &RUN));
