@@ -98,18 +98,35 @@ impl Cli {
     pub fn read<W: Into<OsString> + Clone>(
         words: impl IntoIterator<Item = W>,
     ) -> std::result::Result<Cli, clap::Error> {
-        let words: Vec<W> = words.into_iter().collect();
-        let matches = match program().try_get_matches_from(words.clone()) {
+        let words: Vec<OsString> = words.into_iter().map(Into::into).collect();
+        let matches = match program().try_get_matches_from(&words) {
             // Libraries that a command may do without are loaded to tell their versions.
             Err(why) if why.kind() == ErrorKind::DisplayVersion => {
                 program().long_version(shell::version()).try_get_matches_from(words)
             }
-            result => result,
+            result => result.map_err(|why| in_one_line(why, &words)),
         }?;
         let (name, matches) = matches.subcommand().expect("a command is required");
         let entry = COMMANDS.iter().find(|entry| entry.name == name).expect("it is one of the registry");
         Ok(Cli { entry, command: (entry.parse)(matches)? })
     }
+}
+
+/// Returns an error of the command line in one line, which names the help of its command; help and
+/// version as they are.
+fn in_one_line(why: clap::Error, words: &[OsString]) -> clap::Error {
+    use ErrorKind::{DisplayHelp, DisplayHelpOnMissingArgumentOrSubcommand, DisplayVersion};
+    if matches!(why.kind(), DisplayHelp | DisplayHelpOnMissingArgumentOrSubcommand | DisplayVersion) {
+        return why;
+    }
+    let text = why.to_string();
+    let is_usage = |part: &&str| part.starts_with("Usage:") || part.starts_with("For more information");
+    let parts = text.trim_start_matches("error: ").split("\n\n").take_while(|part| !is_usage(part));
+    let parts = parts.map(|part| part.lines().map(str::trim).collect::<Vec<_>>().join(" "));
+    let told = parts.collect::<Vec<_>>().join("; ");
+    let command = COMMANDS.iter().find(|entry| words.get(1).is_some_and(|word| word == entry.name));
+    let command = command.map_or(String::new(), |entry| format!(" {}", entry.name));
+    clap::Error::raw(why.kind(), format!("{told}; see rebond{command} --help\n"))
 }
 
 /// Executes the command.

@@ -182,8 +182,16 @@ fn compare_puts_solvers_side_by_side() {
 #[test]
 fn a_wrong_command_line_exits_2() {
     let folder = folder("usage");
-    assert_eq!(rebond(&folder, &["fly"]).status.code(), Some(2));
-    assert_eq!(rebond(&folder, &["run"]).status.code(), Some(2));
+    for (arguments, words) in [
+        (&["fly"][..], "'fly'; see rebond --help"),
+        (&["run"], "were not provided: <SCENE>; see rebond run --help"),
+        (&["modes", "fall.toml", "--count", "x"], "found in string; see rebond modes --help"),
+    ] {
+        let wrong = rebond(&folder, arguments);
+        let said = text(&wrong.stderr);
+        assert_eq!((wrong.status.code(), said.lines().count()), (Some(2), 1), "{said}");
+        assert!(said.starts_with("error: ") && said.trim_end().ends_with(words), "{said}");
+    }
     assert!(rebond(&folder, &["--help"]).status.success());
     assert!(rebond(&folder, &["--version"]).status.success());
 }

@@ -310,7 +310,10 @@ fn what_all_ranks_find_wrong_is_said_once() {
         assert_fails(&on(&folder, 2, repeated), 2, &[repeated[0], "one process"]);
     }
     let wrong = on(&folder, 2, &["run"]);
-    assert_eq!((wrong.status.code(), text(&wrong.stderr).matches("Usage:").count()), (Some(2), 1));
+    assert_eq!(
+        (wrong.status.code(), text(&wrong.stderr).matches("see rebond run --help").count()),
+        (Some(2), 1)
+    );
     for (asked, words) in [("--version", "features:"), ("--help", "Exit codes:")] {
         let told = on(&folder, 2, &[asked]);
         assert_eq!((told.status.code(), text(&told.stdout).matches(words).count()), (Some(0), 1));
