@@ -36,6 +36,8 @@ struct Reading {
 pub(super) struct Readings {
     /// One entry per probe.
     readings: Vec<Reading>,
+    /// Dofs of the readings of displacements, each once: components and probes share most of them.
+    dofs: Vec<usize>,
     /// Motions of the supports.
     motions: Vec<Rc<FieldInput>>,
     motion: Rc<NodalMotion>,
@@ -109,8 +111,10 @@ impl Readings {
             Ok(reading)
         };
         let readings = ground.scene.output.probes.iter().zip(deflections).map(reading);
+        let readings: Vec<Reading> = readings.collect::<Result<_>>()?;
+        let dofs = dofs(readings.iter().filter(|reading| is_of_displacement(reading.quantity)));
         let motions = lifts.iter().map(|lift| lift.motion.clone()).collect();
-        Ok(Readings { readings: readings.collect::<Result<_>>()?, motions, motion: motion.clone(), friction })
+        Ok(Readings { readings, dofs, motions, motion: motion.clone(), friction })
     }
 
     /// Returns whether all probes record deflections, beside supports that do not move.
@@ -127,15 +131,14 @@ impl Readings {
         scheme: &mut dyn Solution,
         values: &mut [f64],
     ) -> Result<()> {
-        let moves = [ProbeQuantity::Velocity, ProbeQuantity::Acceleration];
-        let is_place = |quantity: ProbeQuantity| !moves.contains(&quantity);
         let places = self.motions.iter().map(|motion| motion.at(Point::origin(), scheme.time()));
         let places: Vec<f64> = places.collect::<Result<_>>()?;
-        let shares = self.sums(is_place, |dof| scheme.displacement_of(dof), &places);
+        let displacement: Vec<f64> = self.dofs.iter().map(|&dof| scheme.displacement_of(dof)).collect();
+        let shares = self.sums(is_of_displacement, (&self.dofs, &displacement), &places);
         let totals = system.engine.comm().all_reduce_sum_slice(&shares);
         let mut sums = totals.as_slice();
         let readings = || self.readings.iter().enumerate();
-        for (probe, reading) in readings().filter(|(_, reading)| is_place(reading.quantity)) {
+        for (probe, reading) in readings().filter(|(_, reading)| is_of_displacement(reading.quantity)) {
             let (terms, rest) = sums.split_at(reading.terms.len());
             sums = rest;
             let stretched = match &reading.stretched {
@@ -169,15 +172,9 @@ impl Readings {
         }
         let mut rates = scheme.support_rates()?;
         rates.resize(self.motions.len(), 0.0);
-        let chosen = self.readings.iter().filter(|reading| is_chosen(reading.quantity));
-        let terms = chosen.flat_map(|reading| &reading.terms);
-        let dofs = terms.flat_map(|(probe, _)| probe.weights().iter().map(|(dof, _)| *dof));
-        let mut dofs: Vec<usize> = dofs.collect();
-        dofs.sort_unstable();
-        dofs.dedup();
+        let dofs = dofs(self.readings.iter().filter(|reading| is_chosen(reading.quantity)));
         let velocity = scheme.velocity_of(&dofs)?;
-        let rate = |dof| dofs.binary_search(&dof).map_or(0.0, |place| velocity[place]);
-        let shares = self.sums(is_chosen, rate, &rates);
+        let shares = self.sums(is_chosen, (&dofs, &velocity), &rates);
         Ok(system.engine.comm().all_reduce_sum_slice(&shares))
     }
 
@@ -187,14 +184,15 @@ impl Readings {
         chosen.flat_map(|reading| &reading.terms)
     }
 
-    /// Returns this process's share of the sums of chosen readings, for given values of the dofs
-    /// and of the support motions.
+    /// Returns this process's share of the sums of chosen readings, for given sorted dofs with
+    /// their values and for values of the support motions.
     fn sums(
         &self,
         is_chosen: impl Fn(ProbeQuantity) -> bool,
-        dof: impl Fn(usize) -> f64,
+        (dofs, values): (&[usize], &[f64]),
         moved: &[f64],
     ) -> Vec<f64> {
+        let dof = |dof| dofs.binary_search(&dof).map_or(0.0, |place| values[place]);
         let sum = |(probe, lifts): &FramedProbe| {
             let framed = probe.weights().iter().map(|&(number, weight)| weight * dof(number)).sum();
             lifts.iter().zip(moved).fold(framed, |sum: f64, (lift, moved)| sum + moved * lift)
@@ -202,6 +200,19 @@ impl Readings {
         let chosen = self.readings.iter().filter(|reading| is_chosen(reading.quantity));
         chosen.flat_map(|reading| reading.terms.iter().map(&sum)).collect()
     }
+}
+
+fn is_of_displacement(quantity: ProbeQuantity) -> bool {
+    ![ProbeQuantity::Velocity, ProbeQuantity::Acceleration].contains(&quantity)
+}
+
+/// Returns the dofs of some readings in their order, each once.
+fn dofs<'r>(readings: impl Iterator<Item = &'r Reading>) -> Vec<usize> {
+    let weights = readings.flat_map(|reading| &reading.terms).flat_map(|(probe, _)| probe.weights());
+    let mut dofs: Vec<usize> = weights.map(|(dof, _)| *dof).collect();
+    dofs.sort_unstable();
+    dofs.dedup();
+    dofs
 }
 
 /// Returns the mean of the stresses of all processes; zero of none. Collective.
