@@ -254,6 +254,11 @@ pub fn engineering(value: f64, unit: &str) -> String {
     format!("{} {prefix}{unit}", significant_digits(value / scale, 4))
 }
 
+/// Raises the exponents of a unit.
+pub fn raised(unit: &str) -> String {
+    unit.replace("m2", "m²").replace("m3", "m³").replace("s2", "s²")
+}
+
 /// Formats the coordinates of a point, given in m, with four digits of the larger one.
 pub fn place(point: [f64; 2]) -> String {
     let largest = point[0].abs().max(point[1].abs());

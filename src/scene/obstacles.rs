@@ -124,17 +124,27 @@ fn per_site(kind: fn(&str, &'static str) -> Kind<f64>, what: &'static str, unit:
     let read = move |doc: &Document, key: &str| {
         let table = key.rsplit_once('.').map_or("", |(table, _)| table);
         let is_given = |name: &str| doc.get(&join(table, name)).is_some();
-        let name = doc.text(&join(table, "law"), "");
-        let is_named = |law: &StopLaw| name.as_ref().is_ok_and(|&name| name == law.word());
-        let law = StopLaw::ALL.into_iter().find(is_named).unwrap_or(StopLaw::Linear);
-        let site = match (is_given("line"), is_given("at") || is_given("point")) {
-            (true, _) => 1,
-            (_, true) => 0,
-            _ => 2,
-        };
+        let (law, site) = law_and_site(doc.text(&join(table, "law"), "").unwrap_or_default(), is_given);
         (kind(what, unit(law, site)).read)(doc, key)
     };
     Kind { read: Box::new(read), unit: "", ..kind(what, unit(StopLaw::Linear, 2)) }
+}
+
+/// Returns the law of a name, linear by default, and the site of a stop whose table has some keys.
+fn law_and_site(name: &str, is_given: impl Fn(&str) -> bool) -> (StopLaw, usize) {
+    let law = StopLaw::ALL.into_iter().find(|law| law.word() == name).unwrap_or(StopLaw::Linear);
+    let site = match (is_given("line"), is_given("at") || is_given("point")) {
+        (true, _) => 1,
+        (_, true) => 0,
+        _ => 2,
+    };
+    (law, site)
+}
+
+/// Returns the unit of a stop's stiffness, given the name of its law and the keys of its table.
+pub fn stiffness_unit(law: &str, is_given: impl Fn(&str) -> bool) -> &'static str {
+    let (law, site) = law_and_site(law, is_given);
+    STIFFNESS(law, site)
 }
 
 /// Region that an obstacle faces, its compliance there, and the position of its law.

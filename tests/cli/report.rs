@@ -25,6 +25,26 @@ stresses = true
 probes = [{ name = "corner", at = [1.2, 0.0] }, { name = "speed", at = [1.2, 0.0], quantity = "velocity" }]
 "#
 );
+/// Panel on bolts between stops with and without names, and a ball by the law of Hertz.
+const PANEL: &str = r#"
+title = "a panel"
+plate = { length = 0.6, width = 0.4, thickness = 1.2e-3, youngs_modulus = 7e10, poissons_ratio = 0.33, density = 2700 }
+mesh = { element = "fvs", cells = [12, 8] }
+support = [
+  { at = [0.05, 0.05], kind = "clamped", radius = 0.02 },
+  { at = [0.55, 0.05], kind = "clamped", radius = 0.02 },
+  { at = [0.3, 0.35], kind = "clamped" },
+]
+obstacle = [
+  { name = "rubber", side = "below", height = -0.5e-3, at = [0.3, 0.2], stiffness = 2e4 },
+  { side = "below", height = -0.5e-3, where = "x < 0.1", stiffness = 2e6 },
+  { side = "below", height = -0.5e-3, where = "x < 0.1", stiffness = 2e6 },
+]
+ball = [{ at = [0.5, 0.2], mass = 0.01, height = 1e-5, velocity = -1, law = "hertz", stiffness = 1e8 }]
+initial = { velocity = -0.4 }
+time = { scheme = "newmark", mass = "singular", step = 2e-5, end = 0.01 }
+output = { fields_every = 100, probes = [{ name = "under", at = [0.5, 0.2] }, { name = "height", ball = 0 }] }
+"#;
 const RUN: [&str; 6] = ["run", "fall.toml", "--quiet", "--overwrite", "--out", "run"];
 
 /// Returns the text between two marks of a page.
@@ -260,6 +280,18 @@ fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
     assert!(count > 2 && warnings.contains(&format!("<b>{count} warnings</b>")), "{warnings}");
     assert!(page.contains("--set output.fields_every=2 --overwrite</code>") && !page.contains("<canvas"));
     assert!(page.contains("The scene has neither obstacles nor balls."));
+}
+
+/// Stops are told with their names and stiffness, and supports with a radius are bolts.
+#[test]
+fn a_report_begins_with_what_the_plate_is() {
+    let page = page(&folder("report-panel", PANEL));
+    let told = [
+        "clamped at 2 bolts and at a point; a compliant stop of 20\u{a0}kN/m, at a point 500\u{a0}\u{b5}m below (rubber);",
+        "; 2 times a compliant stop of 2\u{a0}MN/m³, 500\u{a0}\u{b5}m below; a ball of 10\u{a0}g;",
+    ];
+    let sentence = between(&page, "<p class=\"plate\">", "</p>");
+    assert!(told.iter().all(|words| sentence.contains(words)), "{sentence}");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use super::sentence;
 use crate::output::answers::{self, KeyFigure};
 use crate::output::contacts::Contact;
 use crate::output::plot;
-use crate::output::text::{PREFIXES, engineering, grouped, prefix, significant, two_digits};
+use crate::output::text::{PREFIXES, engineering, grouped, prefix, raised, significant, two_digits};
 use crate::scene::unit;
 use serde_json::Value;
 
@@ -101,7 +101,8 @@ pub(super) fn typeset(text: &str) -> String {
 }
 
 /// Units in texts.
-const UNITS: [&str; 10] = ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W"];
+const UNITS: [&str; 14] =
+    ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W", "N/m", "N/m²", "N/m³", "N/m^1.5"];
 
 /// Returns the answers of a run and its warnings. Many supports share a card, with a line each that
 /// opens on demand; several warnings share a box of limited height.
@@ -216,7 +217,7 @@ pub(super) fn described(value: &Value, key: &str) -> String {
 /// Returns the unit of the value of a key behind a space; none where it is no number.
 pub(super) fn unit_of(value: &Value, key: &str) -> String {
     let unit = unit(key).filter(|_| value.is_number()).map(|unit| format!(" {unit}"));
-    unit.unwrap_or_default().replace("m2", "m²").replace("m3", "m³").replace("s2", "s²")
+    raised(&unit.unwrap_or_default())
 }
 
 /// Returns how the answers of a run were computed, folded.

@@ -1,7 +1,11 @@
 //! One sentence of what the plate of a run is.
 
-use crate::output::text::engineering;
+use crate::output::text::{engineering, raised};
+use crate::scene::stiffness_unit;
 use serde_json::Value;
+
+/// Largest number of equal stops that a sentence names.
+const MOST_NAMES: usize = 4;
 
 /// Materials by the ranges of their modulus (GPa) and density (kg/m3).
 const MATERIALS: [(&str, [f64; 2], [f64; 2]); 8] = [
@@ -36,8 +40,8 @@ pub(super) fn sentence(scene: &Value) -> String {
             count => parts.push(format!("{count} {several}")),
         }
     }
-    parts.extend(counted(list(scene, "obstacle").map(stop)));
-    parts.extend(counted(list(scene, "ball").map(ball)));
+    parts.extend(counted(scene, "obstacle", stop));
+    parts.extend(counted(scene, "ball", ball));
     parts.extend(loads(scene));
     let mut sentence = parts.join("; ");
     if let Some(first) = sentence.get(..1).map(str::to_uppercase) {
@@ -50,18 +54,29 @@ fn list<'s>(scene: &'s Value, table: &str) -> impl Iterator<Item = &'s Value> {
     scene[table].as_array().into_iter().flatten()
 }
 
-/// Returns equal descriptions once, with their number.
-fn counted(descriptions: impl Iterator<Item = String>) -> Vec<String> {
-    let mut counts: Vec<(String, usize)> = Vec::new();
-    for description in descriptions {
-        match counts.iter_mut().find(|(other, _)| *other == description) {
-            Some((_, count)) => *count += 1,
-            None => counts.push((description, 1)),
+/// Returns equal descriptions of the entries of a table once, with their number and their names.
+fn counted(scene: &Value, table: &str, description: fn(&Value) -> String) -> Vec<String> {
+    let mut kinds: Vec<(String, usize, Vec<&str>)> = Vec::new();
+    for entry in list(scene, table) {
+        let (description, name) = (description(entry), entry["name"].as_str());
+        match kinds.iter_mut().find(|(other, ..)| *other == description) {
+            Some((_, count, names)) => {
+                *count += 1;
+                names.extend(name);
+            }
+            None => kinds.push((description, 1, name.into_iter().collect())),
         }
     }
-    let words =
-        |(description, count)| if count == 1 { description } else { format!("{count} times {description}") };
-    counts.into_iter().map(words).collect()
+    let words = |(mut words, count, names): (String, usize, Vec<&str>)| {
+        if count > 1 {
+            words = format!("{count} times {words}");
+        }
+        if (1..=MOST_NAMES).contains(&names.len()) {
+            words += &format!(" ({})", names.join(", "));
+        }
+        words
+    };
+    kinds.into_iter().map(words).collect()
 }
 
 fn plate(scene: &Value) -> String {
@@ -87,34 +102,31 @@ fn plate(scene: &Value) -> String {
 
 /// Returns the supports, grouped by kind.
 fn supports(scene: &Value) -> String {
-    let mut kinds: Vec<(String, Vec<String>, usize)> = Vec::new();
-    let mut washers = list(scene, "support").filter(|support| support["edge"].is_null());
-    let has_radius = washers.all(|support| support["radius"].as_f64().is_some_and(|radius| radius > 0.0));
+    let mut kinds: Vec<(String, Vec<String>, [usize; 2])> = Vec::new();
     for support in list(scene, "support") {
         let kind = support["kind"].as_str().unwrap_or("supported").replace('_', " ");
         if kinds.last().is_none_or(|(last, ..)| *last != kind) {
-            kinds.push((kind, Vec::new(), 0));
+            kinds.push((kind, Vec::new(), [0; 2]));
         }
-        let Some((_, edges, points)) = kinds.last_mut() else { continue };
+        let Some((_, edges, spots)) = kinds.last_mut() else { continue };
         match support["edge"].as_str() {
             Some(edge) => edges.push(match edge {
                 "left" | "right" | "bottom" | "top" => format!("the {edge} edge"),
                 curve => curve.to_owned(),
             }),
-            None => *points += 1,
+            None => spots[usize::from(support["radius"].is_null())] += 1,
         }
     }
-    let words = |(kind, edges, points): (String, Vec<String>, usize)| {
+    let words = |(kind, edges, spots): (String, Vec<String>, [usize; 2])| {
         let is_all_round = edges.len() == 4 && edges.iter().all(|edge| edge.ends_with(" edge"));
         let along = || if is_all_round { "all edges".to_owned() } else { edges.join(", ") };
         let edges = (!edges.is_empty()).then(|| format!("along {}", along()));
-        let place = if has_radius { "washer" } else { "point" };
-        let points = match points {
+        let spots = spots.into_iter().zip(["bolt", "point"]).filter_map(|(count, place)| match count {
             0 => None,
             1 => Some(format!("at a {place}")),
             count => Some(format!("at {count} {place}s")),
-        };
-        format!("{kind} {}", edges.into_iter().chain(points).collect::<Vec<_>>().join(" and "))
+        });
+        format!("{kind} {}", edges.into_iter().chain(spots).collect::<Vec<_>>().join(" and "))
     };
     if kinds.is_empty() {
         "free edges".into()
@@ -127,8 +139,12 @@ fn stop(obstacle: &Value) -> String {
     let side = obstacle["side"].as_str().unwrap_or("below");
     let place = if obstacle["at"].is_array() || obstacle["point"].is_string() { "at a point " } else { "" };
     let stop = match obstacle["stiffness"].as_f64() {
-        Some(_) => "compliant stop",
-        None => "rigid stop",
+        Some(stiffness) => {
+            let law = obstacle["law"].as_str().unwrap_or_default();
+            let unit = stiffness_unit(law, |key| !obstacle[key].is_null());
+            format!("compliant stop of {},", engineering(stiffness, &raised(unit)))
+        }
+        None => "rigid stop".into(),
     };
     match obstacle["height"].as_f64() {
         Some(0.0) => format!("a {stop} {place}touching from {side}"),
