@@ -290,8 +290,9 @@ const LEGEND: &str = "Orange points are in contact, thick dark edges and dots do
 
 const VIEW: &str = include_str!("page/view.html");
 
-/// Returns the place of the charts of a run, with a note on the rows left out.
-pub(super) fn charts(shown: usize, rows: usize) -> String {
+/// Returns the place of the charts of a run, with a note on the rows left out and links to its
+/// files.
+pub(super) fn charts(shown: usize, rows: usize, files: &[String]) -> String {
     let note = match shown == rows {
         true => format!("All {} rows of history.csv.", grouped(rows as u64)),
         false => format!(
@@ -300,9 +301,12 @@ pub(super) fn charts(shown: usize, rows: usize) -> String {
             grouped(rows as u64)
         ),
     };
+    let links: Vec<String> =
+        files.iter().map(|file| format!("<a href=\"{file}\">{file}</a>", file = escaped(file))).collect();
     charts_with(&format!(
         "{note} Drag across a chart to zoom all of them, click to show that instant above. \
-         All numbers: <a href=\"history.csv\">history.csv</a>, <a href=\"summary.json\">summary.json</a>."
+         All numbers: {}.",
+        links.join(", ")
     ))
 }
 

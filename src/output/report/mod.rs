@@ -20,12 +20,15 @@ pub use many::{ManyRuns, RunTable, page_of_many};
 pub(crate) use side_by_side::page_of_two;
 
 use crate::error::{Error, Result};
+use crate::input;
 use crate::output::plot::{self, Figure, Obstacle, perspective};
 use crate::output::run_folder::RunFolder;
+use crate::output::summary;
 use crate::output::text::engineering;
 use blob::PageData;
 use scene_text::scene_text;
 use serde_json::{Value, json};
+use std::path::Path;
 
 /// Name of the file in the run folder.
 pub const FILE: &str = "report.html";
@@ -78,7 +81,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
         html::view(summary, frames, &meta["colors"]),
         html::answers(summary),
         "</div>\n".to_owned(),
-        html::charts(rows, table.rows()),
+        html::charts(rows, table.rows(), &files(folder)),
         html::contacts(run.contacts.as_deref()),
         modes.map_or_else(html::no_modes, natural_modes),
         pictures(&figures),
@@ -88,6 +91,15 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
     ]
     .concat();
     Ok(document(&title, &body, &scripts(&meta, &numbers)))
+}
+
+/// Returns the names of the tables in a run folder, and its summary.
+fn files(folder: &Path) -> Vec<String> {
+    let table = |name: &str| name.ends_with(".csv").then(|| name.to_owned());
+    let mut files: Vec<String> = input::files_of(folder, table).into_iter().map(|(name, _)| name).collect();
+    files.sort();
+    files.push(summary::FILE.into());
+    files
 }
 
 /// Returns the script of a page with its numbers and their description.
