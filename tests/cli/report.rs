@@ -292,6 +292,10 @@ fn a_report_begins_with_what_the_plate_is() {
     ];
     let sentence = between(&page, "<p class=\"plate\">", "</p>");
     assert!(told.iter().all(|words| sentence.contains(words)), "{sentence}");
+    // Every stop has a picture of its forces, also where contacts are not told apart.
+    for words in ["force of rubber", "force of obstacle_2", "force of obstacle_3", "of ball_1"] {
+        assert!(page.contains(words), "{words}");
+    }
 }
 
 #[test]

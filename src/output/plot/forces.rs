@@ -15,16 +15,20 @@ type Impulses = Vec<[f64; 2]>;
 
 /// Largest number of stops with panels of their own.
 const MOST_STOPS: usize = 12;
+/// Part of the largest force of a stop that is rounding of a difference.
+const ROUNDING: f64 = 1e-9;
 /// Part of the run below which a panel shows the time of the contacts alone.
 const BRIEF: f64 = 0.1;
 
 /// Plots each obstacle and ball that was touched, under what the run tells of it: the force of a
 /// compliant one over time, with the peak of all steps, and over the gap at each probe of a
 /// deflection that faces it at rest; otherwise the impulse of each contact, since the force of a
-/// rigid one depends on the time step. `None` if there is nothing to plot.
+/// rigid one depends on the time step; the peak alone where contacts are not told apart. `None` if
+/// there is nothing to plot.
 ///
-/// The history has the force of a named stop, and of the only one. `opposite` has the heights of
-/// the obstacles that each probe faces, in m. A gap is negative where a compliant stop yields.
+/// The history has the force of a named stop; the sum of all has the force of the only one without
+/// a name. `opposite` has the heights of the obstacles that each probe faces, in m. A gap is
+/// negative where a compliant stop yields.
 pub fn forces(
     table: &Table,
     contacts: &[Contact],
@@ -33,7 +37,7 @@ pub fn forces(
     opposite: &BTreeMap<String, Vec<f64>>,
 ) -> Option<Figure> {
     let times = table.column("time").unwrap_or_default();
-    let (stops, is_sole) = touched(summary);
+    let (stops, has_one_nameless) = touched(summary);
     let nodes: Vec<Option<usize>> = stops.iter().map(|stop| stop.node(contacts)).collect();
     let panels_of = |stop: &TouchedStop| {
         let TouchedStop { name, entry, told, is_ball } = stop;
@@ -41,22 +45,25 @@ pub fn forces(
         let time = || around(table, of_stop.as_deref().unwrap_or_default());
         let named = table.forces().find(|(other, _)| other == name).map(|(_, force)| force.to_vec());
         let sign = if *is_ball { -1.0 } else { 1.0 };
-        let sole = || Some(table.column("contact_force")?.iter().map(|force| sign * force).collect());
-        let force = named.or_else(|| sole().filter(|_| is_sole)).filter(|_| !entry["stiffness"].is_null());
+        let is_rest = has_one_nameless && entry["name"].is_null();
+        let rest = || rest(table, summary, told).map(|force| sign * force).collect();
+        let force = named.or_else(|| is_rest.then(rest)).filter(|_: &Vec<f64>| !entry["stiffness"].is_null());
+        let axis = || Axis::linear(format!("force of {name}"), "N").with([0.0]);
+        let peak = told["time_of_peak"].as_f64().zip(told["peak"].as_f64());
+        let peak = Curve::new("peak of all steps", peak.map(<[f64; 2]>::from).into_iter().collect());
+        let peak = peak.marks(3).size(0.7).scattered();
         let mut panels = Vec::new();
         if let Some(force) = force {
-            let axis = || Axis::linear(format!("force of {name}"), "N").with([0.0]);
             let curve = Curve::of("", times, &force).palette(1).width(0.6);
-            let peak = told["time_of_peak"].as_f64().zip(told["peak"].as_f64());
-            let peak = Curve::new("peak of all steps", peak.map(<[f64; 2]>::from).into_iter().collect());
-            let curves = [peak.marks(3).size(0.7).scattered(), curve];
-            panels.push(Panel::new(time(), axis()).height(HEIGHT).curves(curves));
+            panels.push(Panel::new(time(), axis()).height(HEIGHT).curves([peak, curve]));
             panels.extend(over_gap(table, entry, &force, opposite, axis));
         } else if let Some(of_stop) = &of_stop {
             let impulse = |(_, [begin, _], impulse): &(usize, [f64; 2], f64)| [*begin, sign * impulse];
             panels.push(stems(time(), name, of_stop.iter().map(impulse).collect()));
         } else if let Some(impulses) = table.column(&format!("impulse_{name}")) {
             panels.push(stems(time(), name, impulses_of_contacts(times, impulses)));
+        } else {
+            panels.push(Panel::new(time(), axis()).height(HEIGHT).curve(peak));
         }
         if let Some(first) = panels.first_mut() {
             first.heading = format!("{name}: {}", force_of(told).replace(" u", " \u{b5}"));
@@ -78,7 +85,8 @@ struct TouchedStop<'s> {
     is_ball: bool,
 }
 
-/// Returns the obstacles and balls of a run that were touched, and whether the scene has just one.
+/// Returns the obstacles and balls of a run that were touched, and whether just one of the scene's
+/// has no name.
 fn touched(summary: &Value) -> (Vec<TouchedStop<'_>>, bool) {
     let stop = |kind: &'static str| {
         let entries = summary["scene"][kind].as_array().into_iter().flatten().enumerate();
@@ -88,9 +96,23 @@ fn touched(summary: &Value) -> (Vec<TouchedStop<'_>>, bool) {
         })
     };
     let mut stops: Vec<TouchedStop> = ["obstacle", "ball"].into_iter().flat_map(stop).collect();
-    let is_sole = stops.len() == 1;
+    let has_one_nameless = stops.iter().filter(|stop| stop.entry["name"].is_null()).count() == 1;
     stops.retain(|stop| stop.told["impacts"].as_u64() > Some(0));
-    (stops, is_sole)
+    (stops, has_one_nameless)
+}
+
+/// Returns what the named obstacles leave of the sum of all reactions, in N: the reaction of a stop
+/// without a name, whose largest force is told.
+fn rest<'t>(table: &'t Table, summary: &Value, told: &Value) -> impl Iterator<Item = f64> + use<'t> {
+    let obstacles = summary["scene"]["obstacle"].as_array().into_iter().flatten();
+    let is_obstacle = |name: &str| obstacles.clone().any(|obstacle| obstacle["name"] == name);
+    let named: Vec<&[f64]> =
+        table.forces().filter(|(name, _)| is_obstacle(name)).map(|(_, force)| force).collect();
+    let rounding = ROUNDING * told["peak"].as_f64().unwrap_or_default().abs();
+    table.column("contact_force").unwrap_or_default().iter().enumerate().map(move |(row, sum)| {
+        let rest = sum - named.iter().map(|force| force[row]).sum::<f64>();
+        if rest.abs() > rounding { rest } else { 0.0 }
+    })
 }
 
 impl TouchedStop<'_> {
@@ -222,8 +244,10 @@ mod tests {
             },
         });
         let told = |summary: &Value| {
-            let (stops, is_sole) = touched(summary);
-            assert!(!is_sole && stops.iter().map(|stop| &stop.name).eq(["obstacle_1", "obstacle_2"]));
+            let (stops, has_one_nameless) = touched(summary);
+            assert!(
+                !has_one_nameless && stops.iter().map(|stop| &stop.name).eq(["obstacle_1", "obstacle_2"])
+            );
             let nodes: Vec<_> = stops.iter().map(|stop| stop.node(&contacts)).collect();
             let step = &summary["scene"]["time"]["step"];
             stops.iter().map(|stop| stop.contacts(&contacts, &nodes, step)).collect::<Vec<_>>()
