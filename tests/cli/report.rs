@@ -298,6 +298,14 @@ fn a_report_begins_with_what_the_plate_is() {
     }
 }
 
+/// The force of a ball is drawn over its gap, where probes have its height and what it faces.
+#[test]
+fn forces_of_balls_are_drawn_over_the_gap() {
+    let without_pads: Vec<&str> = PANEL.lines().filter(|line| !line.contains("x < 0.1")).collect();
+    let page = page(&folder("report-ball", &without_pads.join("\n")));
+    assert!(page.contains("force of ball_1") && page.contains("gap ("));
+}
+
 #[test]
 fn other_folders_are_refused_in_one_line() {
     let folder = folder("report-bad", SCENE);

@@ -22,9 +22,9 @@ const BRIEF: f64 = 0.1;
 
 /// Plots each obstacle and ball that was touched, under what the run tells of it: the force of a
 /// compliant one over time, with the peak of all steps, and over the gap at each probe of a
-/// deflection that faces it at rest; otherwise the impulse of each contact, since the force of a
-/// rigid one depends on the time step; the peak alone where contacts are not told apart. `None` if
-/// there is nothing to plot.
+/// deflection that faces it at rest, or a ball whose height is a probe; otherwise the impulse of
+/// each contact, since the force of a rigid one depends on the time step; the peak alone where
+/// contacts are not told apart. `None` if there is nothing to plot.
 ///
 /// The history has the force of a named stop; the sum of all has the force of the only one without
 /// a name. `opposite` has the heights of the obstacles that each probe faces, in m. A gap is
@@ -40,7 +40,7 @@ pub fn forces(
     let (stops, has_one_nameless) = touched(summary);
     let nodes: Vec<Option<usize>> = stops.iter().map(|stop| stop.node(contacts)).collect();
     let panels_of = |stop: &TouchedStop| {
-        let TouchedStop { name, entry, told, is_ball } = stop;
+        let TouchedStop { name, entry, told, is_ball, .. } = stop;
         let of_stop = stop.contacts(contacts, &nodes, &summary["scene"]["time"]["step"]);
         let time = || around(table, of_stop.as_deref().unwrap_or_default());
         let named = table.forces().find(|(other, _)| other == name).map(|(_, force)| force.to_vec());
@@ -56,7 +56,8 @@ pub fn forces(
         if let Some(force) = force {
             let curve = Curve::of("", times, &force).palette(1).width(0.6);
             panels.push(Panel::new(time(), axis()).height(HEIGHT).curves([peak, curve]));
-            panels.extend(over_gap(table, entry, &force, opposite, axis));
+            let probes = &summary["scene"]["output"]["probes"];
+            panels.extend(over_gap(table, stop, &force, probes, opposite, axis).into_iter().flatten());
         } else if let Some(of_stop) = &of_stop {
             let impulse = |(_, [begin, _], impulse): &(usize, [f64; 2], f64)| [*begin, sign * impulse];
             panels.push(stems(time(), name, of_stop.iter().map(impulse).collect()));
@@ -83,6 +84,8 @@ struct TouchedStop<'s> {
     /// Forces in the summary.
     told: &'s Value,
     is_ball: bool,
+    /// Number in its table, from 0.
+    number: usize,
 }
 
 /// Returns the obstacles and balls of a run that were touched, and whether just one of the scene's
@@ -90,9 +93,9 @@ struct TouchedStop<'s> {
 fn touched(summary: &Value) -> (Vec<TouchedStop<'_>>, bool) {
     let stop = |kind: &'static str| {
         let entries = summary["scene"][kind].as_array().into_iter().flatten().enumerate();
-        entries.map(move |(index, entry)| {
-            let name = entry["name"].as_str().map_or_else(|| format!("{kind}_{}", index + 1), str::to_owned);
-            TouchedStop { told: &summary["forces"][&name], name, entry, is_ball: kind == "ball" }
+        entries.map(move |(number, entry)| {
+            let name = entry["name"].as_str().map_or_else(|| format!("{kind}_{}", number + 1), str::to_owned);
+            TouchedStop { told: &summary["forces"][&name], name, entry, is_ball: kind == "ball", number }
         })
     };
     let mut stops: Vec<TouchedStop> = ["obstacle", "ball"].into_iter().flat_map(stop).collect();
@@ -182,23 +185,36 @@ fn impulses_of_contacts(times: &[f64], impulses: &[f64]) -> Impulses {
     contacts.map(sum).filter(|[_, impulse]| *impulse != 0.0).collect()
 }
 
-/// Plots the force of an obstacle at rest over the gap at each probe of a deflection that faces it.
+/// Plots the force of an obstacle at rest, or of a ball whose height is a probe, over the gap at
+/// each probe of a deflection that faces it. `None` where no height is known.
 fn over_gap(
     table: &Table,
-    obstacle: &Value,
+    stop: &TouchedStop,
     force: &[f64],
+    probes: &Value,
     opposite: &BTreeMap<String, Vec<f64>>,
     axis: impl Fn() -> Axis,
-) -> Vec<Panel> {
-    let Some(height) = obstacle["height"].as_f64() else { return Vec::new() };
-    let sign = if obstacle["side"] == "below" { 1.0 } else { -1.0 };
-    let is_opposite = |probe: &str| opposite.get(probe).is_some_and(|heights| heights.contains(&height));
+) -> Option<Vec<Panel>> {
+    let &TouchedStop { entry, is_ball, number, .. } = stop;
+    let probes = probes.as_array().into_iter().flatten();
+    let height = entry["height"].as_f64()?;
+    let heights = match is_ball {
+        true => table.column(probes.clone().find(|probe| probe["ball"] == number)?["name"].as_str()?)?,
+        false => &vec![height; force.len()],
+    };
+    let sign = if entry["side"] == "below" { 1.0 } else { -1.0 };
+    let is_site = |probe: &Value| ["at", "point"].iter().any(|k| !probe[k].is_null() && probe[k] == entry[k]);
+    let is_opposite = |name: &str| match is_ball {
+        true => probes.clone().any(|probe| probe["name"] == name && is_site(probe)),
+        false => opposite.get(name).is_some_and(|heights| heights.contains(&height)),
+    };
     let panel = |(index, probe, deflection): (usize, &str, &[f64])| {
-        let points = deflection.iter().zip(force).map(|(w, f)| [sign * (w - height), *f]);
+        let places = deflection.iter().zip(heights).map(|(w, height)| sign * (w - height));
+        let points = places.zip(force).map(|(gap, force)| [gap, *force]);
         let curve = Curve::new(probe, near_contact(points.collect())).style(index).dashes(0).width(0.5);
         Panel::new(Axis::linear("gap", "m").with([0.0]), axis()).height(HEIGHT).curve(curve)
     };
-    table.deflections().filter(|(_, probe, _)| is_opposite(probe)).map(panel).collect()
+    Some(table.deflections().filter(|(_, probe, _)| is_opposite(probe)).map(panel).collect())
 }
 
 /// Leaves out the points, each a gap and a force, whose gap is far from those under a force.
