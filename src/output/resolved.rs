@@ -22,7 +22,9 @@ pub fn obstacles(scene: &Value, opposite: &BTreeMap<String, Vec<f64>>) -> Vec<Ob
         let Some(height) = obstacle["height"].as_f64() else { continue };
         let is_part = ["where", "group", "at", "line"].iter().any(|key| !obstacle[key].is_null());
         let obstacle = match (is_part, obstacle["side"] == "below") {
-            (true, _) => Obstacle::Part(height),
+            (true, _) => {
+                Obstacle::Part(height, obstacle["name"].as_str().unwrap_or("partial obstacle").to_owned())
+            }
             (false, true) => Obstacle::Below(height),
             (false, false) => Obstacle::Above(height),
         };

@@ -259,6 +259,28 @@ pub fn raised(unit: &str) -> String {
     unit.replace("m2", "m²").replace("m3", "m³").replace("s2", "s²")
 }
 
+/// Sets a text: micro, minus and times signs, and each unit beside its number.
+pub fn typeset(text: &str) -> String {
+    let mut words: Vec<String> = Vec::new();
+    for word in text.split(' ') {
+        let unit = word.trim_end_matches([',', ';']);
+        let bare = |prefix: &&str| unit.strip_prefix(*prefix);
+        let is_unit = PREFIXES.iter().filter_map(bare).any(|unit| UNITS.contains(&unit));
+        let is_number = |last: &String| last.ends_with(|c: char| c.is_ascii_digit() || ")N".contains(c));
+        match (words.last_mut(), word.strip_prefix('u')) {
+            (Some(last), Some(rest)) if is_unit && is_number(last) => *last += &format!("\u{a0}\u{b5}{rest}"),
+            (Some(last), None) if is_unit && is_number(last) => *last += &format!("\u{a0}{word}"),
+            _ if word == "x" => words.push("\u{d7}".into()),
+            _ => words.push(word.replace('-', "\u{2212}")),
+        }
+    }
+    words.join(" ")
+}
+
+/// Units in texts.
+const UNITS: [&str; 14] =
+    ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W", "N/m", "N/m²", "N/m³", "N/m^1.5"];
+
 /// Formats the coordinates of a point, given in m, with four digits of the larger one.
 pub fn place(point: [f64; 2]) -> String {
     let largest = point[0].abs().max(point[1].abs());

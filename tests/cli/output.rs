@@ -384,6 +384,7 @@ fn colours_are_explained_in_the_units_of_axes() {
         ("m", [-0.094, 0.21], ["\u{2212}0.094", "0.21"], "quantity (m)"),
         ("Pa", [2.2e6, 5.8e8], ["2.2", "580"], "quantity (MPa)"),
         ("N s", [3e-6, 3e-3], ["0.003", "3"], "quantity (mN s)"),
+        ("N s", [1.2e-7, 1.2e-4], ["0.12 µN s", "0.12 mN s"], "quantity"),
         ("1/s", [0.0, 4e-3], ["0", "4"], "quantity (10⁻³ 1/s)"),
         ("m", [f64::INFINITY, f64::NEG_INFINITY], ["", ""], "quantity (m)"),
     ];

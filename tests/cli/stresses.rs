@@ -47,7 +47,8 @@ fn envelope_snapshots_and_pictures() {
     );
     let forces = std::fs::read_to_string(run.join("plots/forces.svg")).unwrap();
     assert!(forces.contains("gap (mm)") && forces.contains("time ("), "a compliant stop over time and gap");
-    let told = ["stop: peak force", "peak of all steps"];
+    assert!(history.contains(">stop<") && !history.contains("partial obstacle"), "{history}");
+    let told = ["stop: peak force", "peak of all steps", "\u{a0}N at ", "N\u{a0}s"];
     assert!(told.iter().all(|words| forces.contains(words)), "what the run tells of the stop");
     let snapshots = std::fs::read_to_string(run.join("plots/snapshots.svg")).unwrap();
     for event in ["start at t = 0 s", "end at t = 100 ms", "first impact near t = 40 ms"] {

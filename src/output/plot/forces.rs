@@ -6,6 +6,7 @@ use crate::geometry::range;
 use crate::output::answers::force_of;
 use crate::output::contacts::Contact;
 use crate::output::history::Table;
+use crate::output::text::typeset;
 use crate::simulation::JOINED;
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -67,7 +68,7 @@ pub fn forces(
             panels.push(Panel::new(time(), axis()).height(HEIGHT).curve(peak));
         }
         if let Some(first) = panels.first_mut() {
-            first.heading = format!("{name}: {}", force_of(told).replace(" u", " \u{b5}"));
+            first.heading = format!("{name}: {}", typeset(&force_of(told)));
         }
         panels
     };

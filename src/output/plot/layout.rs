@@ -242,7 +242,8 @@ enum Key<'p> {
     /// Curve and its number in the panel.
     Curve(&'p Curve, usize),
     Obstacle(&'p str),
-    Part,
+    /// Names of obstacles that face a part of the plate.
+    Part(String),
     Ramp(&'p Ramp),
 }
 
@@ -251,10 +252,18 @@ impl Key<'_> {
         let named = panel.curves.iter().zip(0..).filter(|(curve, _)| !curve.name.is_empty());
         let curves = named.map(|(curve, number)| Key::Curve(curve, number));
         let (parts, whole): (Vec<_>, Vec<_>) =
-            panel.near_obstacles().into_iter().partition(|obstacle| matches!(obstacle, Obstacle::Part(_)));
+            panel.near_obstacles().into_iter().partition(|obstacle| matches!(obstacle, Obstacle::Part(..)));
         let obstacle =
             (!whole.is_empty()).then_some(Key::Obstacle(panel.band.as_deref().unwrap_or("obstacle")));
-        let part = (!parts.is_empty()).then_some(Key::Part);
+        let mut names: Vec<&str> = Vec::new();
+        for obstacle in parts {
+            if let Obstacle::Part(_, name) = obstacle
+                && !names.contains(&name.as_str())
+            {
+                names.push(name);
+            }
+        }
+        let part = (!names.is_empty()).then(|| Key::Part(names.join(", ")));
         curves.chain(obstacle).chain(part).chain(panel.ramp.as_ref().map(Key::Ramp)).collect()
     }
 
@@ -262,7 +271,7 @@ impl Key<'_> {
         match self {
             Key::Curve(curve, _) => &curve.name,
             Key::Obstacle(name) => name,
-            Key::Part => "partial obstacle",
+            Key::Part(names) => names,
             Key::Ramp(ramp) => &ramp.label,
         }
     }
@@ -292,7 +301,7 @@ impl Key<'_> {
                 }
             }
             Key::Obstacle(_) => draw_solid(paper, [x, y - 0.5 * HATCH], [end, y + 0.5 * HATCH], HATCH),
-            Key::Part => paper.line([x, y], [end, y], RULE),
+            Key::Part(_) => paper.line([x, y], [end, y], RULE),
             Key::Ramp(ramp) => {
                 paper.text(&ramp.ends[0], [x, y], KEY, Anchor::Start);
                 let start = x + KEY.width(&ramp.ends[0]) + 3.0;

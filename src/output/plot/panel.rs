@@ -8,6 +8,9 @@ use std::collections::BTreeSet;
 /// Numbers of points of a curve that differ, across and upwards.
 const GRAIN: [f64; 2] = [1600.0, 800.0];
 
+/// Number of a colour scale below which it has an SI prefix of its own.
+const TINY: f64 = 1e-3;
+
 /// Palette of Okabe and Ito (2008), darkest first, distinct for every kind of colour vision.
 const COLORS: [Color; 7] = [
     Color(0, 114, 178),
@@ -143,21 +146,21 @@ impl Curve {
 }
 
 /// Rigid obstacle, drawn as a hatched band, or as a line if it faces only a part of the plate.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub enum Obstacle {
     /// Obstacle below the whole plate, at this height in m.
     Below(f64),
     /// Obstacle above the whole plate, at this height in m.
     Above(f64),
-    /// Obstacle that faces a part of the plate, at this height in m.
-    Part(f64),
+    /// Obstacle that faces a part of the plate, at this height in m, and what the key says of it.
+    Part(f64, String),
 }
 
 impl Obstacle {
     /// Returns the height in m.
-    pub fn height(self) -> f64 {
+    pub fn height(&self) -> f64 {
         match self {
-            Obstacle::Below(height) | Obstacle::Above(height) | Obstacle::Part(height) => height,
+            Obstacle::Below(height) | Obstacle::Above(height) | Obstacle::Part(height, _) => *height,
         }
     }
 }
@@ -186,12 +189,23 @@ pub struct Ramp {
 
 impl Ramp {
     /// Creates a scale whose numbers have the SI prefix that an axis of them would have; `symbol`
-    /// is the unit. An end that is not finite has no number.
+    /// is the unit. Where one end is much smaller than the other, each has its own. An end that is
+    /// not finite has no number.
     pub fn new(quantity: &str, symbol: &str, ends: [f64; 2], color: fn(f64) -> Color) -> Ramp {
         let finite = ends.into_iter().filter(|end| end.is_finite());
         let (name, one) = unit(symbol, finite.map(f64::abs).fold(0.0, f64::max));
-        let end = |value: f64| if value.is_finite() { short(value / one) } else { String::new() };
-        let label = if name.is_empty() { quantity.to_owned() } else { format!("{quantity} ({name})") };
+        let is_tiny = |value: f64| value != 0.0 && value.abs() < TINY * one && !symbol.is_empty();
+        let has_tiny = ends.into_iter().any(is_tiny);
+        let end = |value: f64| match value.is_finite() {
+            true if has_tiny => {
+                let (name, one) = unit(symbol, value.abs());
+                format!("{} {name}", short(value / one))
+            }
+            true => short(value / one),
+            false => String::new(),
+        };
+        let has_unit = !name.is_empty() && !has_tiny;
+        let label = if has_unit { format!("{quantity} ({name})") } else { quantity.to_owned() };
         Ramp { label, ends: ends.map(end), color }
     }
 }
@@ -282,7 +296,7 @@ impl Panel {
 
     /// Adds obstacles at heights along y; one far beyond the curves is left out.
     pub fn obstacles(mut self, obstacles: &[Obstacle]) -> Panel {
-        self.obstacles.extend(obstacles);
+        self.obstacles.extend_from_slice(obstacles);
         self
     }
 
@@ -336,10 +350,10 @@ impl Panel {
     }
 
     /// Returns the obstacles that are not far beyond the curves.
-    pub(super) fn near_obstacles(&self) -> Vec<Obstacle> {
+    pub(super) fn near_obstacles(&self) -> Vec<&Obstacle> {
         let is_near =
             |obstacle: &&Obstacle| self.band.is_some() || is_near(obstacle.height(), self.values(1));
-        self.obstacles.iter().filter(is_near).copied().collect()
+        self.obstacles.iter().filter(is_near).collect()
     }
 
     /// Returns the largest frame within another one in which scales are equal, where they must be.

@@ -68,7 +68,7 @@ impl Panel {
                 match obstacle {
                     Obstacle::Below(_) => draw_solid(paper, [left, y], [right, bottom], HATCH),
                     Obstacle::Above(_) => draw_solid(paper, [left, y], [right, top], -HATCH),
-                    Obstacle::Part(_) => paper.line([left, y], [right, y], RULE),
+                    Obstacle::Part(..) => paper.line([left, y], [right, y], RULE),
                 }
             }
             for (corners, color) in &self.areas {
@@ -278,10 +278,11 @@ fn extremes(line: &[At], left: f64, width: f64, columns: usize) -> Vec<At> {
     kept
 }
 
-/// Wraps a text into as few lines as fit.
+/// Wraps a text into as few lines as fit, between words that no-break spaces do not join.
 pub(super) fn wrapped(text: &str, look: Type, width: f64) -> Vec<String> {
     let mut lines: Vec<String> = Vec::new();
-    for word in text.split_whitespace() {
+    let is_gap = |c: char| c.is_whitespace() && c != '\u{a0}';
+    for word in text.split(is_gap).filter(|word| !word.is_empty()) {
         match lines.last_mut() {
             Some(line) if look.width(line) + look.width(" ") + look.width(word) <= width => {
                 *line = format!("{line} {word}");

@@ -6,7 +6,7 @@ use super::sentence;
 use crate::output::answers::{self, KeyFigure};
 use crate::output::contacts::Contact;
 use crate::output::plot;
-use crate::output::text::{PREFIXES, engineering, grouped, prefix, raised, significant, two_digits};
+use crate::output::text::{engineering, grouped, prefix, raised, significant, two_digits, typeset};
 use crate::scene::unit;
 use serde_json::Value;
 
@@ -81,28 +81,6 @@ pub(super) fn state(summary: &Value) -> String {
         status => format!("<p class=\"warning\">Ended early: {}</p>\n", escaped(status)),
     }
 }
-
-/// Sets a text: micro, minus and times signs, and each unit beside its number.
-pub(super) fn typeset(text: &str) -> String {
-    let mut words: Vec<String> = Vec::new();
-    for word in text.split(' ') {
-        let unit = word.trim_end_matches([',', ';']);
-        let bare = |prefix: &&str| unit.strip_prefix(*prefix);
-        let is_unit = PREFIXES.iter().filter_map(bare).any(|unit| UNITS.contains(&unit));
-        let is_number = |last: &String| last.ends_with(|c: char| c.is_ascii_digit() || ")N".contains(c));
-        match (words.last_mut(), word.strip_prefix('u')) {
-            (Some(last), Some(rest)) if is_unit && is_number(last) => *last += &format!("\u{a0}\u{b5}{rest}"),
-            (Some(last), None) if is_unit && is_number(last) => *last += &format!("\u{a0}{word}"),
-            _ if word == "x" => words.push("\u{d7}".into()),
-            _ => words.push(word.replace('-', "\u{2212}")),
-        }
-    }
-    words.join(" ")
-}
-
-/// Units in texts.
-const UNITS: [&str; 14] =
-    ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W", "N/m", "N/m²", "N/m³", "N/m^1.5"];
 
 /// Returns the answers of a run and its warnings. Many supports share a card, with a line each that
 /// opens on demand; several warnings share a box of limited height.

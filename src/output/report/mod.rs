@@ -24,7 +24,7 @@ use crate::input;
 use crate::output::plot::{self, Figure, Obstacle, perspective};
 use crate::output::run_folder::RunFolder;
 use crate::output::summary;
-use crate::output::text::engineering;
+use crate::output::text::{engineering, typeset};
 use blob::PageData;
 use scene_text::scene_text;
 use serde_json::{Value, json};
@@ -57,7 +57,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
     let (figures, _) = run.pictures(modes.map_or(&[], |(_, frequencies)| frequencies.as_slice()))?;
     let figures: Vec<(String, String)> =
         figures.into_iter().map(|(name, figure)| (name.to_owned(), figure.svg())).collect();
-    let heights: Vec<f64> = run.obstacles().into_iter().map(Obstacle::height).collect();
+    let heights: Vec<f64> = run.obstacles().iter().map(Obstacle::height).collect();
     let mut data = PageData::default();
     let (charts, rows) = series::store(table, &heights, &mut data);
     let mut meta = json!({ "charts": charts });
@@ -115,7 +115,7 @@ fn scripts(meta: &Value, numbers: &str) -> String {
 /// Returns the section of natural modes.
 fn natural_modes((figure, frequencies): &Modes) -> String {
     let words: Vec<String> = frequencies.iter().map(|&frequency| engineering(frequency, "Hz")).collect();
-    let caption = format!("Lowest mode shapes with their nodal lines: {}", html::typeset(&words.join(", ")));
+    let caption = format!("Lowest mode shapes with their nodal lines: {}", typeset(&words.join(", ")));
     html::modes(&picture::figure(&picture::compact(&figure.svg(), "modes"), &caption))
 }
 

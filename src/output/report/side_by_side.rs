@@ -3,14 +3,14 @@
 
 use super::blob::PageData;
 use super::html::{
-    charts_with, described, escaped, header, plate, section, state, trouble, typeset, unit_of, warnings,
+    charts_with, described, escaped, header, plate, section, state, trouble, unit_of, warnings,
 };
 use super::{document, scripts, series};
 use crate::error::{Error, Result};
 use crate::output::answers::EQUAL;
 use crate::output::plot::Obstacle;
 use crate::output::run_folder::RunFolder;
-use crate::output::text::{engineering, grouped, short};
+use crate::output::text::{engineering, grouped, short, typeset};
 use serde_json::{Map, Value, json};
 use std::path::Path;
 
@@ -63,7 +63,7 @@ pub(crate) fn page_of_two(runs: &[RunFolder; 2], path: &Path) -> Result<String> 
         head += &state(&run.summary);
     }
     let mut data = PageData::default();
-    let heights = |run: &RunFolder| run.obstacles().into_iter().map(Obstacle::height).collect();
+    let heights = |run: &RunFolder| run.obstacles().iter().map(Obstacle::height).collect();
     let charts = series::store_two(runs.each_ref().map(|run| (&run.table, heights(run))), &mut data);
     let (arrays, numbers) = data.finish().map_err(Error::io(path))?;
     let meta = json!({ "charts": charts, "arrays": arrays });
