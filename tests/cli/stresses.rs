@@ -42,7 +42,7 @@ fn envelope_snapshots_and_pictures() {
     assert!(history.contains("deflection") && history.contains("stress"), "a panel per quantity");
     let spectrum = std::fs::read_to_string(run.join("plots/spectrum.svg")).unwrap();
     assert!(
-        spectrum.contains("amplitude (m)") && spectrum.contains("stress (Pa)"),
+        spectrum.contains("amplitude (mm)") && spectrum.contains("stress (MPa)"),
         "any probe has a spectrum"
     );
     let forces = std::fs::read_to_string(run.join("plots/forces.svg")).unwrap();

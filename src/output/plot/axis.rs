@@ -33,7 +33,8 @@ pub struct Axis {
     pad: f64,
     /// Names of the values 1, 2, ..., if they have any; ticks are then at whole numbers only.
     names: Vec<String>,
-    /// Magnitude that chooses the SI prefix, where it is not that of the axis itself.
+    /// Magnitude that chooses the SI prefix; by default the ends of a linear axis choose it, and a
+    /// logarithmic one has none.
     magnitude: Option<f64>,
     /// Approximate number of ticks, where it does not follow from the length of the axis.
     wanted: Option<usize>,
@@ -77,8 +78,8 @@ impl Axis {
         Axis { per: unit, ..self }
     }
 
-    /// Counts the axis in the unit of one whose values reach a magnitude, such as another axis of
-    /// the same plan.
+    /// Counts the axis in the unit of a linear one whose values reach a magnitude, such as another
+    /// axis of the same plan.
     pub fn in_unit_of(self, magnitude: f64) -> Axis {
         Axis { magnitude: Some(magnitude), ..self }
     }
@@ -153,7 +154,9 @@ impl Axis {
         let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(0.35));
         let half = half * (1.0 + 2.0 * pad);
         let [low, high] = [middle - half, middle + half];
-        let shift = per.log10();
+        let magnitude = self.magnitude.filter(|magnitude| (LEAST..GREATEST).contains(magnitude));
+        let exponent = magnitude.map_or(0, |magnitude| exponent(magnitude / per, &self.symbol));
+        let shift = per.log10() + f64::from(exponent);
         let decades = (low - shift).floor() as i32..=(high - shift).ceil() as i32;
         let stride = (((high - low) / 7.0).ceil() as i32).max(1);
         let narrow = high - low < 1.6;
@@ -180,7 +183,7 @@ impl Axis {
             high: 10f64.powf(high),
             ticks,
             minor,
-            label: self.label(0),
+            label: self.label(exponent),
         }
     }
 

@@ -213,12 +213,14 @@ pub fn spectrum(table: &Table, title: &str, natural: &[f64]) -> Figure {
         let points = || spectra.iter().flat_map(|(_, points)| points);
         let largest = points().map(|p| p[1]).fold(0.0, f64::max);
         let [first, last] = range(points().map(|p| p[0]));
+        let lines = natural_lines(natural, [first, last]);
         let quantity = if axis == ProbeQuantity::Deflection.axis() { "amplitude" } else { axis.0 };
         let mut amplitude = Axis::log(quantity, axis.1);
         let mut frequency = Axis::log("frequency", "Hz").tight();
         if largest > 0.0 && first > 0.0 {
-            // Smaller amplitudes are due to rounding or to the window.
-            amplitude = amplitude.within(1e-7 * largest, 2.0 * largest);
+            // Smaller amplitudes are due to rounding or to the window; numbers stand above curves.
+            let room = if lines.is_empty() { 2.0 } else { 20.0 };
+            amplitude = amplitude.within(1e-7 * largest, room * largest).in_unit_of(largest);
             frequency = frequency.within(first, last);
         }
         let curves = spectra
@@ -226,7 +228,6 @@ pub fn spectrum(table: &Table, title: &str, natural: &[f64]) -> Figure {
             .enumerate()
             .map(|(i, (name, points))| Curve::new(name, points).style(i).width(0.6));
         let panel = Panel::new(frequency, amplitude).height(110.0).curves(curves);
-        let lines = natural_lines(natural, [first, last]);
         lines.into_iter().fold(panel, |panel, (line, remark)| panel.rule_at_x(line, remark))
     };
     table.axes().into_iter().map(panel).fold(Figure::new(title), Figure::panel)
