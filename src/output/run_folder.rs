@@ -91,7 +91,7 @@ impl RunFolder {
 
     /// Reads at most `most` snapshots: those nearest to the start, the first impact, the largest
     /// deflection, the lowest and the highest position of a probe, and the end; others between them
-    /// where these are fewer.
+    /// where these are fewer. A snapshot near several of them tells all.
     pub fn surfaces(&self, most: usize) -> Result<Vec<Shot>> {
         let nearest = |time: f64| {
             let distance = |(other, _): &(f64, PathBuf)| (other - time).abs();
@@ -102,8 +102,16 @@ impl RunFolder {
         let others = perspective::spread(&self.snapshots, most).into_iter().map(|snapshot| (snapshot, None));
         let mut chosen: Vec<(&(f64, PathBuf), Option<Occasion>)> = Vec::new();
         for (snapshot, event) in told.chain(others) {
-            if chosen.len() < most && chosen.iter().all(|(other, _)| *other != snapshot) {
-                chosen.push((snapshot, event));
+            let has_room = chosen.len() < most;
+            match (chosen.iter_mut().find(|(other, _)| *other == snapshot), event) {
+                (Some((_, Some((names, time)))), Some((name, other))) => {
+                    *names += &format!(", {name}");
+                    // The snapshot shows all of its events if it shows the farthest one.
+                    let distance = |time: f64| (time - snapshot.0).abs();
+                    *time = if distance(other) > distance(*time) { other } else { *time };
+                }
+                (None, event) if has_room => chosen.push((snapshot, event)),
+                _ => {}
             }
         }
         chosen.sort_by(|a, b| a.0.0.total_cmp(&b.0.0));

@@ -51,7 +51,11 @@ fn envelope_snapshots_and_pictures() {
     let told = ["stop: peak force", "peak of all steps", "\u{a0}N at ", "N\u{a0}s"];
     assert!(told.iter().all(|words| forces.contains(words)), "what the run tells of the stop");
     let snapshots = std::fs::read_to_string(run.join("plots/snapshots.svg")).unwrap();
-    for event in ["start at t = 0 s", "end at t = 100 ms", "first impact near t = 40 ms"] {
+    for event in [
+        "start, largest deflection, tip highest at t = 0 s",
+        "end at t = 100 ms",
+        "first impact near t = 40 ms",
+    ] {
         assert!(snapshots.contains(event), "{event}: {snapshots}");
     }
     assert_eq!(snapshots.matches(">ball 750 mm above<").count(), 6, "a ball far away in each");
