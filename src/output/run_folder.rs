@@ -3,7 +3,7 @@
 use super::checkpoint::{Checkpoint, Identity};
 use super::contacts::Contact;
 use super::history::Table;
-use super::plot::perspective::{self, ColorBy, Occasion, Shot};
+use super::plot::perspective::{self, Bolt, ColorBy, Occasion, Shot};
 use super::plot::{Figure, Obstacle, forces, plan, run};
 use super::resolved::{obstacles, quantity};
 use super::vtu::{self, Surface};
@@ -83,10 +83,14 @@ impl RunFolder {
         obstacles(&self.summary["scene"], &self.opposite)
     }
 
-    /// Returns the supports at single points, in m.
-    pub fn bolts(&self) -> Vec<[f64; 2]> {
+    /// Returns the supports at points.
+    pub fn bolts(&self) -> Vec<Bolt> {
         let supports = self.summary["scene"]["support"].as_array().into_iter().flatten();
-        supports.filter_map(|support| serde_json::from_value(support["at"].clone()).ok()).collect()
+        let bolt = |support: &Value| {
+            let [x, y] = serde_json::from_value(support["at"].clone()).ok()?;
+            Some([x, y, support["radius"].as_f64().unwrap_or_default()])
+        };
+        supports.filter_map(bolt).collect()
     }
 
     /// Reads at most `most` snapshots: those nearest to the start, the first impact, the largest

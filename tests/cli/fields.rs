@@ -214,11 +214,12 @@ fn snapshots_have_their_events_and_bolts() {
         ..vtu::Surface::default()
     };
     let shot = |time: f64| (time, Some(("first impact".to_owned(), 1.0)), surface.clone());
-    let bolts = [[0.0, 0.0], [0.0, 1.0]];
+    let bolts = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.1]];
     let by = plot::perspective::ColorBy::Deflection;
     let svg = plot::perspective::colored(vec![shot(1.0), shot(2.0)], "", by, &bolts).svg();
     assert!(svg.contains("first impact at t = 1 s") && svg.contains("first impact near t = 2 s"), "{svg}");
     assert_eq!(svg.matches("r=\"1.4\" fill=\"#000000\"").count(), 4, "{svg}");
+    assert_eq!(svg.matches("<polygon fill=\"#000000\"").count(), 2, "a washer in each: {svg}");
 }
 
 /// A curve whose dashes would hide data is solid in the key, too; others are dashed in both.

@@ -8,6 +8,7 @@ use super::{Figure, Panel, Ramp};
 use crate::geometry::range;
 use crate::output::text::engineering;
 use crate::output::vtu::{Surface, boundary, held_points};
+use std::f64::consts::TAU;
 
 /// Largest number of snapshots in a figure.
 pub const MOST: usize = 6;
@@ -28,6 +29,10 @@ const HIDDEN: Pen = Pen { color: Color::GREY, dashes: &[1.2, 1.6], width: 0.5 };
 const BEHIND: [Pen; 2] =
     [Pen::solid(Color::BLACK, 0.9), Pen { color: Color::SHADE, dashes: &[1.2, 0.7], width: 0.6 }];
 const HELD: Pen = Pen::solid(Color::BLACK, 2.4);
+/// Rim of a washer, so that a small one is seen.
+const WASHER: Pen = Pen::solid(Color::BLACK, 1.0);
+/// Number of corners of a washer's rim.
+const RIM: u32 = 24;
 /// Difference of a mode shape between neighbours below which it is rounding.
 const ROUNDING: f64 = 1e-9;
 const NODAL: Pen = Pen::solid(Color::BLACK, 0.7);
@@ -92,16 +97,18 @@ pub type Occasion = (String, f64);
 /// Snapshot: its time in s, the event near it, if it was chosen for one, and its surface.
 pub type Shot = (f64, Option<Occasion>, Surface);
 
-/// Draws each snapshot in a figure of its own, coloured by deflection, all at one scale, with dots
-/// at bolts (m).
-pub fn frames(snapshots: Vec<Shot>, title: &str, bolts: &[[f64; 2]]) -> Vec<Figure> {
+/// Support at a point: its coordinates and the radius of its washer, 0 without one, in m.
+pub type Bolt = [f64; 3];
+
+/// Draws each snapshot in a figure of its own, coloured by deflection, at one scale, with bolts.
+pub fn frames(snapshots: Vec<Shot>, title: &str, bolts: &[Bolt]) -> Vec<Figure> {
     let snapshots = snapshots.into_iter().map(|(time, _, surface)| (instant(time), surface));
     let (ramp, panels) = views(snapshots.collect(), ColorBy::Deflection, HALF, bolts);
     panels.into_iter().map(|panel| Figure::new(title).ramp(ramp.clone()).panel(panel)).collect()
 }
 
-/// Draws snapshots side by side at one scale, with dots at bolts (m).
-pub fn colored(snapshots: Vec<Shot>, title: &str, by: ColorBy, bolts: &[[f64; 2]]) -> Figure {
+/// Draws snapshots side by side at one scale, with bolts.
+pub fn colored(snapshots: Vec<Shot>, title: &str, by: ColorBy, bolts: &[Bolt]) -> Figure {
     let caption = |time: f64, event: Option<Occasion>| match event {
         None => instant(time),
         Some((event, when)) => {
@@ -130,14 +137,9 @@ fn instant(time: f64) -> String {
     format!("t = {}", engineering(time, "s").replace('u', "\u{b5}"))
 }
 
-/// Returns the colours and one view per surface, with its caption and dots at bolts (m), all at one
-/// scale, for a width in points.
-fn views(
-    snapshots: Vec<(String, Surface)>,
-    by: ColorBy,
-    width: f64,
-    bolts: &[[f64; 2]],
-) -> (Ramp, Vec<Panel>) {
+/// Returns the colours and one view per surface, with its caption and bolts, all at one scale, for
+/// a width in points.
+fn views(snapshots: Vec<(String, Surface)>, by: ColorBy, width: f64, bolts: &[Bolt]) -> (Ramp, Vec<Panel>) {
     let held = held(&snapshots);
     let mut snapshots: Vec<(String, Surface)> =
         snapshots.into_iter().map(|(caption, surface)| (caption, coarsened(surface))).collect();
@@ -221,11 +223,17 @@ fn views(
                 let lines = surface.cells.iter().filter_map(|face| nodal_line(&surface, face));
                 lines.for_each(|line| paper.polyline(&line.map(drawn), NODAL));
             }
-            for [x, y] in &bolts {
+            for [x, y, radius] in &bolts {
                 let distance = |point: &[f64; 2]| (point[0] - x).hypot(point[1] - y);
                 let distances = surface.points.iter().map(distance).zip(&surface.deflection);
                 if let Some((_, &w)) = distances.min_by(|a, b| a.0.total_cmp(&b.0)) {
-                    paper.circle(drawn([*x, *y, w]), BOLT, Color::BLACK, None);
+                    let rim = |(sin, cos): (f64, f64)| drawn([x + radius * cos, y + radius * sin, w]);
+                    let rim =
+                        (0..RIM).map(|corner| rim((TAU * f64::from(corner) / f64::from(RIM)).sin_cos()));
+                    match *radius > 0.0 {
+                        true => paper.polygon(&rim.collect::<Vec<_>>(), Color::BLACK, Some(WASHER)),
+                        false => paper.circle(drawn([*x, *y, w]), BOLT, Color::BLACK, None),
+                    }
                 }
             }
             for (point, _) in surface.reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
