@@ -4,11 +4,12 @@ use super::frequencies::on_native_engine;
 use crate::error::Result;
 use crate::linalg::Engine;
 use crate::modes::{self, Mode};
-use crate::output::plot::{self, Figure, perspective};
+use crate::output::plot::perspective::{self, Bolt};
+use crate::output::plot::{self, Figure};
 use crate::output::text::{Table, engineering, grouped};
 use crate::output::vtu::Surface;
 use crate::output::{shapes, summary, write_atomic};
-use crate::scene::{Initial, Mass, Scene, Snapshots};
+use crate::scene::{Initial, Mass, Scene, Snapshots, Support, SupportLocation};
 use crate::scheme::System;
 use crate::simulation::{Lattice, Model};
 use serde::Serialize;
@@ -36,6 +37,9 @@ pub struct ModeShapes {
     /// Shapes on a fine grid, each with 1 as its largest value.
     #[serde(skip)]
     shapes: Vec<Surface>,
+    /// Supports at points.
+    #[serde(skip)]
+    bolts: Vec<Bolt>,
 }
 
 impl ModeShapes {
@@ -67,7 +71,12 @@ impl ModeShapes {
                 ..Surface::default()
             })
         };
+        let bolt = |support: &Support| match support.stand {
+            SupportLocation::At([x, y], radius) => Some([x, y, radius.unwrap_or_default()]),
+            _ => None,
+        };
         Ok(ModeShapes {
+            bolts: scene.supports.iter().filter_map(bolt).collect(),
             title: scene.title.clone(),
             dofs: engine.dofs(),
             shapes: modes.iter().filter_map(shape).collect(),
@@ -93,10 +102,10 @@ impl ModeShapes {
         summary::write_json(&folder.join(SUMMARY), self)
     }
 
-    /// Draws the shapes with their nodal lines and frequencies.
+    /// Draws the shapes with their nodal lines, frequencies and bolts.
     pub fn figure(&self) -> Figure {
         let modes = self.frequencies.iter().copied().zip(self.shapes.iter().cloned());
-        perspective::modes(modes.collect(), &self.title)
+        perspective::modes(modes.collect(), &self.title, &self.bolts)
     }
 }
 

@@ -33,7 +33,7 @@ const HELD: Pen = Pen::solid(Color::BLACK, 2.4);
 const WASHER: Pen = Pen::solid(Color::BLACK, 1.0);
 /// Number of corners of a washer's rim.
 const RIM: u32 = 24;
-/// Difference of a mode shape between neighbours below which it is rounding.
+/// Magnitude of a mode shape below which it is rounding.
 const ROUNDING: f64 = 1e-9;
 const NODAL: Pen = Pen::solid(Color::BLACK, 0.7);
 const REMARK: Type = Type { halo: true, ..Type::new(6.5) };
@@ -122,14 +122,15 @@ pub fn colored(snapshots: Vec<Shot>, title: &str, by: ColorBy, bolts: &[Bolt]) -
     panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
 }
 
-/// Draws the shapes of modes (frequency in Hz, surface) in their order, with their nodal lines.
-pub fn modes(modes: Vec<(f64, Surface)>, title: &str) -> Figure {
+/// Draws the shapes of modes (frequency in Hz, surface) in their order, with their nodal lines and
+/// bolts.
+pub fn modes(modes: Vec<(f64, Surface)>, title: &str, bolts: &[Bolt]) -> Figure {
     let caption = |(number, (frequency, surface)): (i32, (f64, Surface))| {
         (format!("{number}: {}", engineering(frequency, "Hz")), surface)
     };
     let columns = modes.len().clamp(1, 3);
     let modes = (1..).zip(modes).map(caption).collect();
-    let (ramp, panels) = views(modes, ColorBy::Mode, 2.0 * HALF / columns as f64, &[]);
+    let (ramp, panels) = views(modes, ColorBy::Mode, 2.0 * HALF / columns as f64, bolts);
     panels.into_iter().fold(Figure::new(title).columns(columns).ramp(ramp), Figure::panel)
 }
 
@@ -220,7 +221,7 @@ fn views(snapshots: Vec<(String, Surface)>, by: ColorBy, width: f64, bolts: &[Bo
                 }
             }
             if by == ColorBy::Mode {
-                let lines = surface.cells.iter().filter_map(|face| nodal_line(&surface, face));
+                let lines = surface.cells.iter().flat_map(|face| nodal_lines(&surface, face));
                 lines.for_each(|line| paper.polyline(&line.map(drawn), NODAL));
             }
             for [x, y, radius] in &bolts {
@@ -294,21 +295,21 @@ fn held(snapshots: &[(String, Surface)]) -> Vec<[[f64; 2]; 2]> {
         .collect()
 }
 
-/// Returns the ends of the nodal line of a mode in a face, if it has one.
-fn nodal_line(surface: &Surface, face: &[usize]) -> Option<[Space; 2]> {
+/// Returns the ends of the nodal lines of a mode in a face; where two cross there may be two.
+fn nodal_lines(surface: &Surface, face: &[usize]) -> Vec<[Space; 2]> {
     let sides = face.iter().zip(face.iter().cycle().skip(1));
     let crossing = |(&a, &b): (&usize, &usize)| {
         let [from, to] = [surface.deflection[a], surface.deflection[b]];
-        let share = from / (from - to);
+        let share = (from / (from - to)).clamp(0.0, 1.0);
         let between = |axis: usize| {
             let [from, to] = [a, b].map(|point| surface.points[point][axis]);
             from + share * (to - from)
         };
-        let crosses = (from < 0.0) != (to < 0.0) && (from - to).abs() > ROUNDING;
+        // Points on the line itself count as above it, whatever their rounding: no gap opens.
+        let crosses = (from < -ROUNDING) != (to < -ROUNDING);
         crosses.then(|| [between(0), between(1), 0.0])
     };
-    let mut ends = sides.filter_map(crossing);
-    Some([ends.next()?, ends.next()?])
+    sides.filter_map(crossing).collect::<Vec<_>>().as_chunks().0.to_vec()
 }
 
 /// Returns the corners of an obstacle at a single point: a peg that stands below the plate or hangs
