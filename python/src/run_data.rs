@@ -63,7 +63,7 @@ impl Fields {
         self.push("velocity", 1, snapshot.velocity.iter().copied());
         self.push("slope", 2, snapshot.slope.iter().flatten().copied());
         self.push("cell_velocity", 1, snapshot.mean_velocity.iter().copied());
-        let [floor, ceiling] = snapshot.obstacles.as_ref().map_or([None, None], |[a, b]| [Some(a), Some(b)]);
+        let [floor, ceiling] = snapshot.obstacles.each_ref().map(Option::as_ref);
         let with_obstacles = [
             ("gap", snapshot.gap.as_ref()),
             ("reaction", snapshot.reaction.as_ref()),

@@ -11,7 +11,8 @@
 //! | `velocity` | time derivative of w, in m/s |
 //! | `displacement` | (0, 0, w), in m |
 //! | `gap` | distance to the nearest obstacle, in m; NaN where there is none |
-//! | `floor`, `ceiling` | height of the nearest obstacle below and above, in m; NaN without one |
+//! | `floor` | height of the nearest obstacle below, in m; NaN without one |
+//! | `ceiling` | height of the nearest obstacle above, in m; NaN without one |
 //! | `reaction` | upward force of the obstacles on a node, in N; zero at other points |
 //! | `moment` | recovered moments M_xx, M_yy, M_xy, in N m/m |
 //! | `principal_moment` | their largest and least principal value, in N m/m |
@@ -22,14 +23,15 @@
 //! |---|---|
 //! | `mean_velocity` | mean velocity over the mesh's cell, in m/s |
 //! | `cell` | number of the mesh's cell, on its rank |
-//! | `rank` | rank that owns the cell |
+//! | `rank` | rank that owns the cell, where there are several |
 //! | `moment_raw` | moments of the element itself at the centre of the small cell, in N m/m |
 //! | `von_mises_raw` | von Mises stress of these, in Pa |
 //!
 //! Moments and stresses exist where the scene asks for them (`output.stresses`); points on the
 //! border of two parts of the plate then occur once per part.
 //!
-//! `gap`, `floor`, `ceiling` and `reaction` exist where the scene has obstacles.
+//! `gap` and `reaction` exist where the scene has obstacles, `floor` where it has some below, and
+//! `ceiling` where it has some above.
 
 use super::vtk_xml::{Array, ArrayKind, Grid, Precision, collection, parallel, unpacked};
 use super::{if_there, remove, sweep, write_atomic};
@@ -115,7 +117,7 @@ impl Series {
     pub fn write(&mut self, snapshot: &Snapshot) -> Result<()> {
         let folder = self.folder.join(FOLDER);
         fs::create_dir_all(&folder).map_err(Error::io(&folder))?;
-        let grid = grid(snapshot, self.rank, self.precision);
+        let grid = grid(snapshot, (self.ranks > 1).then_some(self.rank), self.precision);
         self.arrays = [&grid.point_data, &grid.cell_data].map(|data| data.iter().map(Array::kind).collect());
         let bytes = grid.file();
         self.last = Extent::default();
@@ -186,8 +188,8 @@ const POINT_DATA: [Quantity; 14] = [
     ("velocity", 1, |snapshot| Some(snapshot.velocity.clone())),
     ("displacement", 3, |snapshot| Some(snapshot.deflection.iter().flat_map(|&w| [0.0, 0.0, w]).collect())),
     ("gap", 1, |snapshot| snapshot.gap.clone()),
-    ("floor", 1, |snapshot| Some(snapshot.obstacles.as_ref()?[0].clone())),
-    ("ceiling", 1, |snapshot| Some(snapshot.obstacles.as_ref()?[1].clone())),
+    ("floor", 1, |snapshot| snapshot.obstacles[0].clone()),
+    ("ceiling", 1, |snapshot| snapshot.obstacles[1].clone()),
     ("reaction", 1, |snapshot| snapshot.reaction.clone()),
     ("friction_moment", 2, |snapshot| {
         let [x, y, _] = snapshot.friction.as_ref()?;
@@ -209,8 +211,8 @@ const CELL_DATA: [Quantity; 3] = [
     ("von_mises_raw", 1, |snapshot| Some(snapshot.stresses.as_ref()?.von_mises_raw.clone())),
 ];
 
-/// Returns the grid of a snapshot on a rank.
-fn grid<'s>(snapshot: &'s Snapshot, rank: usize, precision: Precision) -> Grid<'s> {
+/// Returns the grid of a snapshot on a rank, if there are several.
+fn grid<'s>(snapshot: &'s Snapshot, rank: Option<usize>, precision: Precision) -> Grid<'s> {
     let Lattice { points, cells, parents } = snapshot.lattice;
     let arrays = |quantities: &[Quantity]| -> Vec<Array> {
         let array = |&(name, components, values): &Quantity| {
@@ -220,7 +222,7 @@ fn grid<'s>(snapshot: &'s Snapshot, rank: usize, precision: Precision) -> Grid<'
     };
     let mut cell_data = arrays(&CELL_DATA);
     cell_data.push(Array::integers("cell", parents.iter().copied()));
-    cell_data.push(Array::integers("rank", parents.iter().map(|_| rank)));
+    cell_data.extend(rank.map(|rank| Array::integers("rank", parents.iter().map(|_| rank))));
     Grid {
         time: snapshot.time,
         points,
@@ -239,7 +241,7 @@ fn precision(bits: u32) -> Precision {
 
 /// Returns the size of the file of a snapshot whose numbers have 32 or 64 bits, in bytes.
 pub fn size(snapshot: &Snapshot, bits: u32) -> u64 {
-    grid(snapshot, 0, precision(bits)).file().len() as u64
+    grid(snapshot, None, precision(bits)).file().len() as u64
 }
 
 /// Snapshot read back.
@@ -255,7 +257,7 @@ pub struct Surface {
     pub reaction: Vec<f64>,
     /// Heights of the nearest obstacles below and above each point, in m.
     ///
-    /// A height is NaN where there is no obstacle; without any obstacle the arrays are empty.
+    /// A height is NaN where there is no obstacle; without any on its side the array is empty.
     pub obstacles: [Vec<f64>; 2],
     /// Number of the mesh's cell that contains each small cell, unique among all ranks.
     pub parents: Vec<usize>,

@@ -54,8 +54,8 @@ pub struct Snapshot<'f> {
     /// negative where a compliant stop gives way. `None` without obstacles.
     pub gap: Option<Vec<f64>>,
     /// Heights of the nearest obstacles below and above, in m, one entry per point, NaN at points
-    /// without an obstacle; `None` without obstacles.
-    pub obstacles: Option<[Vec<f64>; 2]>,
+    /// without an obstacle; `None` on a side without obstacles.
+    pub obstacles: [Option<Vec<f64>>; 2],
     /// Reaction of the obstacles on each node, in N, positive upwards, zero at points that are not
     /// nodes of the mesh; `None` without obstacles.
     pub reaction: Option<Vec<f64>>,
@@ -281,12 +281,13 @@ impl Fields {
         let mean_velocity = self.cells.iter().map(|cell| mean(cell, &rate)).collect();
         self.motion.carry(&scheme.support_rates()?, &mut rate);
         let velocity = self.evaluate(&rate, 0);
-        let (mut gap, mut obstacles, mut reaction) = (None, None, None);
+        let (mut gap, mut obstacles, mut reaction) = (None, [None, None], None);
         if !self.obstacles.is_empty() {
             let [floor, ceiling] = self.heights(scheme.time())?;
             let room = |((w, floor), ceiling): ((&f64, &f64), &f64)| (w - floor).min(ceiling - w);
             gap = Some(deflection.iter().zip(&floor).zip(&ceiling).map(room).collect());
-            obstacles = Some([floor, ceiling]);
+            let has = |side: Side| self.obstacles.iter().any(|(other, ..)| *other == side);
+            obstacles = [has(Side::Below).then_some(floor), has(Side::Above).then_some(ceiling)];
             let mut force = vec![0.0; engine.dofs()];
             bounds.add_transposed(scheme.reaction(), &mut force);
             let force = engine.to_local(&force)?;

@@ -62,6 +62,8 @@ fn snapshots_have_balls() {
         assert_eq!((balls.len(), balls[0][..2].to_vec(), balls[0][3]), (1, vec![0.9, 0.2], 1.0));
         assert!((balls[0][2] - heights[row]).abs() <= 1e-15, "{} for {}", balls[0][2], heights[row]);
     }
+    let text = String::from_utf8_lossy(&fs::read(&snapshots[0].1).unwrap()).into_owned();
+    assert!(text.contains("\"floor\"") && !text.contains("\"ceiling\"") && !text.contains("\"rank\""));
     assert!(snapshots.len() > 1 && heights.iter().any(|height| *height < 0.2));
     succeeds(&folder, &["plot", "run"]);
     succeeds(&folder, &["report", "run"]);
