@@ -224,6 +224,30 @@ fn snapshots_have_their_events_and_bolts() {
     assert_eq!(svg.matches("<polygon fill=\"#000000\"").count(), 2, "a washer in each: {svg}");
 }
 
+/// A dome ends not far below a plate whose deflections are enlarged; a floor lies where it is.
+#[test]
+fn a_curved_obstacle_is_drawn_near_the_plate() {
+    let grid: Vec<usize> = (0..25).collect();
+    let place = |i: &usize| [0.25 * (i % 5) as f64, 0.25 * (i / 5) as f64];
+    let corners = grid.iter().filter(|i| *i % 5 < 4 && **i < 20);
+    let picture_height = |height: &dyn Fn([f64; 2]) -> f64| {
+        let surface = vtu::Surface {
+            points: grid.iter().map(place).collect(),
+            cells: corners.clone().map(|i| vec![*i, i + 1, i + 6, i + 5]).collect(),
+            deflection: grid.iter().map(place).map(|[x, y]| 1e-3 * (x + y - 1.0)).collect(),
+            obstacles: [grid.iter().map(place).map(height).collect(), Vec::new()],
+            parents: (0..16).collect(),
+            ..vtu::Surface::default()
+        };
+        let by = plot::perspective::ColorBy::Deflection;
+        let svg = plot::perspective::colored(vec![(0.0, None, surface)], "", by, &[]).svg();
+        svg.split("mm\" height=\"").nth(1).unwrap().split("mm").next().unwrap().parse::<f64>().unwrap()
+    };
+    let dome = picture_height(&|[x, y]| -1.2e-3 - 7.2e-3 * ((x - 0.5).powi(2) + (y - 0.5).powi(2)));
+    let floor = picture_height(&|[x, y]| if x + y > 0.0 { -4.8e-3 } else { f64::NAN });
+    assert!(dome < 0.9 * floor, "{dome} mm and {floor} mm");
+}
+
 /// A curve whose dashes would hide data is solid in the key, too; others are dashed in both.
 #[test]
 fn the_key_shows_curves_as_they_are_drawn() {

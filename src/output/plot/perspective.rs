@@ -163,7 +163,8 @@ fn views(snapshots: Vec<(String, Surface)>, by: ColorBy, width: f64, bolts: &[Bo
     };
 
     let view = View { sides, size, scale };
-    let wall = |(_, surface): &(String, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view));
+    let wall =
+        |(_, surface): &(String, Surface)| [0, 1].map(|side| Wall::of(surface, side, &view, low, high));
     let walls: Vec<[Wall; 2]> = snapshots.iter().map(wall).collect();
     // All snapshots share one window.
     let surfaces =
@@ -328,10 +329,35 @@ fn encloses(corners: &[At], [x, y]: At) -> bool {
     sides.filter(is_right).count() % 2 == 1
 }
 
+/// Point with the value there.
+pub(super) type Corner = ([f64; 2], f64);
+
+/// Returns the part of a polygon above a level, and the points where its sides cross the level.
+pub(super) fn above(corners: &[Corner], level: f64) -> (Vec<Corner>, Vec<[f64; 2]>) {
+    let (mut part, mut ends) = (Vec::new(), Vec::new());
+    for (&(place, value), &(next, next_value)) in corners.iter().zip(corners.iter().cycle().skip(1)) {
+        if value >= level {
+            part.push((place, value));
+        }
+        if (value >= level) != (next_value >= level) {
+            let share = (level - value) / (next_value - value);
+            let crossing = [0, 1].map(|axis| place[axis] + share * (next[axis] - place[axis]));
+            part.push((crossing, level));
+            ends.push(crossing);
+        }
+    }
+    (part, ends)
+}
+
+/// Reach of the drawing of a curved obstacle beyond the deflections, relative to their range.
+const REACH: f64 = 0.5;
+/// Depths of the contour lines of a curved obstacle, relative to the drawn part.
+const CONTOURS: [f64; 2] = [0.3, 1.0];
+
 /// Drawing of an obstacle.
 struct Wall {
     faces: Vec<Vec<Space>>,
-    /// Edges of the faces.
+    /// Edges of the faces, and contour lines.
     edges: Vec<[Space; 2]>,
     /// Points without a face.
     stops: Vec<Space>,
@@ -340,8 +366,10 @@ struct Wall {
 impl Wall {
     /// Returns the obstacle below (side 0) or above (side 1) a surface.
     ///
-    /// A level obstacle that faces the whole surface becomes a slightly larger rectangle.
-    fn of(surface: &Surface, side: usize, view: &View) -> Wall {
+    /// A level obstacle that faces the whole surface becomes a slightly larger rectangle. One that
+    /// curves away ends not far beyond the deflections from `low` to `high`, in m, since enlarged
+    /// heights would draw its rim far from the plate.
+    fn of(surface: &Surface, side: usize, view: &View, low: f64, high: f64) -> Wall {
         let heights = &surface.obstacles[side];
         let place = |point: usize| [surface.points[point][0], surface.points[point][1], heights[point]];
         let mut of_faces = surface.cells.iter().flatten().map(|&point| heights.get(point).copied());
@@ -353,10 +381,29 @@ impl Wall {
             return Wall { faces: vec![vec![a, b, c, d]], edges, stops: Vec::new() };
         }
         let (faces, stops) = surface.wall(side);
+        // Heights towards the plate.
+        let (sign, lowest) = if side == 0 { (1.0, low) } else { (-1.0, -high) };
+        let corner = |point: usize| (surface.points[point], sign * heights[point]);
+        let [farthest, nearest] = range(faces.iter().copied().flatten().map(|&point| corner(point).1));
+        let end = farthest.max(nearest.min(lowest) - REACH * (high - low));
+        let space = |([x, y], height): Corner| [x, y, sign * height];
+        let part = |points: &[usize], level: f64| {
+            above(&points.iter().map(|&point| corner(point)).collect::<Vec<_>>(), level)
+        };
+        let drawn = |points: &[usize]| part(points, end).0.into_iter().map(space).collect::<Vec<_>>();
+        let rims = boundary(faces.iter().copied()).into_iter().map(|side| drawn(&side));
+        let levels = CONTOURS.map(|share| nearest - share * (nearest - end)).into_iter();
+        let lines = levels.filter(|_| nearest > farthest).flat_map(|level| {
+            let crossings = faces.iter().map(move |face| (level, part(face, level).1));
+            crossings.map(|(level, ends)| ends.into_iter().map(|place| space((place, level))).collect())
+        });
         Wall {
             stops: stops.into_iter().map(place).collect(),
-            edges: boundary(faces.iter().copied()).into_iter().map(|side| side.map(place)).collect(),
-            faces: faces.into_iter().map(|face| face.iter().map(|&point| place(point)).collect()).collect(),
+            edges: rims
+                .chain(lines)
+                .filter_map(|ends: Vec<Space>| Some([*ends.first()?, *ends.get(1)?]))
+                .collect(),
+            faces: faces.iter().map(|face| drawn(face)).filter(|face| face.len() > 2).collect(),
         }
     }
 }

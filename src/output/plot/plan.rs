@@ -1,7 +1,7 @@
 //! Plan of the plate: a field in bands between contour lines, with its colour bar.
 
 use super::axis::{Fitted, unit};
-use super::perspective::depth;
+use super::perspective::{Corner, above, depth};
 use super::{Axis, Bar, Color, Curve, Figure, Panel};
 use crate::geometry::range;
 use crate::output::plot::coarse::coarsened;
@@ -66,9 +66,6 @@ pub fn stress(surface: Surface, title: &str, what: &str, told: Option<([f64; 2],
     Figure::new(title).panel(plan).panel(scale.height(8.0).bars(bands.bars()))
 }
 
-/// Point with the value there.
-type Corner = ([f64; 2], f64);
-
 /// Bands of values: the ends of the range and the levels of contour lines between them.
 struct Bands(Vec<f64>);
 
@@ -106,9 +103,9 @@ impl Bands {
         let middle = ([mean(&|corner| corner.0[0]), mean(&|corner| corner.0[1])], mean(&|corner| corner.1));
         for (&a, &b) in face.iter().zip(face.iter().cycle().skip(1)) {
             for (band, &level) in self.0.iter().enumerate().take(high + 1).skip(low + 1) {
-                let (above, ends) = above([a, b, middle], level);
+                let (above, ends) = above(&[a, b, middle], level);
                 if above.len() > 2 {
-                    areas.push((above, self.color(band)));
+                    areas.push((above.into_iter().map(|corner| corner.0).collect(), self.color(band)));
                 }
                 if let [from, to] = ends[..] {
                     lines.extend([from, to, [f64::NAN; 2]]);
@@ -116,24 +113,6 @@ impl Bands {
             }
         }
     }
-}
-
-/// Returns the part of a triangle above a level, and the ends of the line where it begins.
-fn above(corners: [Corner; 3], level: f64) -> (Vec<[f64; 2]>, Vec<[f64; 2]>) {
-    let (mut part, mut ends) = (Vec::new(), Vec::new());
-    for (i, (place, value)) in corners.into_iter().enumerate() {
-        let (next, next_value) = corners[(i + 1) % 3];
-        if value >= level {
-            part.push(place);
-        }
-        if (value >= level) != (next_value >= level) {
-            let share = (level - value) / (next_value - value);
-            let crossing = [0, 1].map(|axis| place[axis] + share * (next[axis] - place[axis]));
-            part.push(crossing);
-            ends.push(crossing);
-        }
-    }
-    (part, ends)
 }
 
 #[cfg(test)]
