@@ -43,10 +43,13 @@ fn run() -> ExitCode {
             Ok(false) => return ExitCode::SUCCESS,
             Err(error) => return report(&error),
         },
-        Err(why) => {
-            launch::wait_turn();
-            why.exit()
-        }
+        Err(why) => match why.to_string().strip_prefix("error: ") {
+            Some(text) => return report(&Error::Usage(text.trim_end().to_owned())),
+            None => {
+                launch::wait_turn();
+                why.exit()
+            }
+        },
     };
     execute(&cli).map_or_else(|error| report(&error), |()| ExitCode::SUCCESS)
 }

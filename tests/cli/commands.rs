@@ -190,7 +190,7 @@ fn a_wrong_command_line_exits_2() {
         let wrong = rebond(&folder, arguments);
         let said = text(&wrong.stderr);
         assert_eq!((wrong.status.code(), said.lines().count()), (Some(2), 1), "{said}");
-        assert!(said.starts_with("error: ") && said.trim_end().ends_with(words), "{said}");
+        assert!(said.starts_with("rebond: ") && said.trim_end().ends_with(words), "{said}");
     }
     assert!(rebond(&folder, &["--help"]).status.success());
     assert!(rebond(&folder, &["--version"]).status.success());
