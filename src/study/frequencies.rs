@@ -151,7 +151,9 @@ fn round_down(value: f64) -> f64 {
     steps.into_iter().find(|step| *step <= value).unwrap_or_else(|| candidate(5, exponent - 1))
 }
 
-/// Formats numbers as `5.9655  37.71  38.444`.
+/// Formats frequencies as `5.9655  37.71  38.444 Hz`.
 pub(super) fn list(values: &[f64]) -> String {
-    values.iter().map(|value| significant(*value)).collect::<Vec<_>>().join("  ")
+    let numbers: Vec<String> = values.iter().map(|value| significant(*value)).collect();
+    let why = if values.contains(&0.0) { " (0: a plate or ball that moves freely)" } else { "" };
+    format!("{} Hz{why}", numbers.join("  "))
 }

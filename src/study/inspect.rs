@@ -524,7 +524,7 @@ impl fmt::Display for Inspection {
         let singular = if self.modal.is_some() { "modal" } else { "singular" };
         let masses = [("consistent", &self.consistent), (singular, &self.singular)];
         for (name, Frequencies { lowest, highest }) in masses {
-            report.text(format!("frequencies, {name} mass"), format!("{} Hz", list(lowest)));
+            report.text(format!("frequencies, {name} mass"), list(lowest));
             if name != "modal" {
                 report.optional(&format!("highest, {name} mass"), *highest, "Hz");
             }
@@ -570,7 +570,7 @@ impl fmt::Display for Check {
                 report.text("  at most", format!("{} at t = {}", push(largest), engineering(*t, "s")));
             }
         }
-        report.text("frequencies", format!("{} Hz", list(&self.frequencies.lowest)));
+        report.text("frequencies", list(&self.frequencies.lowest));
         if let Some(modal) = &self.modal {
             modal.report(&mut report);
         } else if let Some(highest) = self.frequencies.highest {
