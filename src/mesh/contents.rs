@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::rc::Rc;
 
 use super::cursor::Cursor;
+use super::parts::Unions;
 use super::plane::Plane;
 use super::quality::NumbersOfFile;
 use super::{Cell, Mesh, Point};
@@ -349,17 +350,10 @@ impl<'a> Contents<'a> {
 /// Returns for each place the first place with which it is merged: places within a distance are,
 /// and so are chains of them.
 fn merged(places: &[Option<Point>], distance: f64) -> Vec<usize> {
-    let mut first_of: Vec<usize> = (0..places.len()).collect();
     if distance <= 0.0 {
-        return first_of;
+        return (0..places.len()).collect();
     }
-    fn root(first_of: &mut [usize], mut index: usize) -> usize {
-        while first_of[index] != index {
-            first_of[index] = first_of[first_of[index]];
-            index = first_of[index];
-        }
-        index
-    }
+    let mut unions = Unions::new(places.len());
     // In squares of this side, only places in neighbouring squares can be near.
     let square = |place: Point| [place.x, place.y].map(|x| (x / distance).floor() as i64);
     let mut squares: HashMap<[i64; 2], Vec<usize>> = HashMap::new();
@@ -370,14 +364,13 @@ fn merged(places: &[Option<Point>], distance: f64) -> Vec<usize> {
             let near = [i.saturating_add(k), j.saturating_add(l)];
             for &other in squares.get(&near).into_iter().flatten() {
                 if places[other].is_some_and(|other| (other - place).norm() <= distance) {
-                    let (a, b) = (root(&mut first_of, other), root(&mut first_of, index));
-                    first_of[a.max(b)] = a.min(b);
+                    unions.unite(other, index);
                 }
             }
         }
         squares.entry([i, j]).or_default().push(index);
     }
-    (0..places.len()).map(|index| root(&mut first_of, index)).collect()
+    (0..places.len()).map(|index| unions.first(index)).collect()
 }
 
 fn cell(nodes: &[usize]) -> Cell {
