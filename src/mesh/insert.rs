@@ -192,6 +192,7 @@ impl Mesh {
 }
 
 /// Change of the mesh.
+#[derive(Default)]
 struct Plan {
     /// Positions of new nodes, which are numbered after those of the mesh.
     nodes: Vec<Point>,
@@ -453,14 +454,8 @@ impl Work {
         let qualities = around
             .iter()
             .map(|&cell| cell_quality(&self.mesh.cells[cell].nodes().iter().map(place).collect::<Vec<_>>()));
-        Some(Plan {
-            nodes: Vec::new(),
-            moved: Some((node, point)),
-            removed: Vec::new(),
-            added: Vec::new(),
-            cuts: Vec::new(),
-            quality: qualities.fold(f64::INFINITY, f64::min),
-        })
+        let quality = qualities.fold(f64::INFINITY, f64::min);
+        Some(Plan { moved: Some((node, point)), quality, ..Plan::default() })
     }
 
     /// Plans the division of some cells into triangles that meet in a point, on one of their outer
@@ -473,14 +468,7 @@ impl Work {
         feet: &[([usize; 2], Point)],
     ) -> Option<Plan> {
         let count = self.mesh.nodes.len();
-        let mut plan = Plan {
-            nodes: vec![point],
-            moved: None,
-            removed: cavity.to_vec(),
-            added: Vec::new(),
-            cuts: Vec::new(),
-            quality: f64::INFINITY,
-        };
+        let mut plan = Plan { nodes: vec![point], removed: cavity.to_vec(), ..Plan::default() };
         let (mut inner, mut outer) = (HashSet::new(), HashSet::new());
         for &cell in cavity {
             inner.extend(self.mesh.cells[cell].nodes());
