@@ -278,7 +278,16 @@ impl Field {
     /// kink and at a jump they are those of the side that the value belongs to: those of `step(t)`
     /// are 0 everywhere.
     pub fn jet(&self, point: Point, t: f64) -> Result<Derivatives, ParseError> {
-        self.jet_with(&mut Stack::new(), point, t)
+        let jet = code::run(&self.code, &mut Stack::new(), |name| match name {
+            Name::T => Derivatives::moving(t),
+            place => Derivatives::constant(variable(point, t)(place)),
+        });
+        self.finite(point, t, jet.value)?;
+        if jet.first.is_finite() {
+            return Ok(jet);
+        }
+        let wrong = format!("no velocity{}; expected a smooth formula", self.describe(point, t));
+        Err(ParseError::new(&self.text, 0, wrong))
     }
 
     /// Returns the value and its derivatives along x and y at a point (m) and a time (s).
@@ -299,28 +308,6 @@ impl Field {
             Err(ParseError::new(&self.text, 0, format!("{wrong}; expected a smooth formula")))
         };
         Ok([value, along(Name::X)?, along(Name::Y)?])
-    }
-
-    /// Computes the values and their time derivatives at a time (s), one entry per point (m).
-    pub fn jets(&self, points: &[Point], t: f64, jets: &mut [Derivatives]) -> Result<(), ParseError> {
-        let mut stack = Stack::new();
-        for (&point, jet) in points.iter().zip(jets) {
-            *jet = self.jet_with(&mut stack, point, t)?;
-        }
-        Ok(())
-    }
-
-    fn jet_with(&self, stack: &mut Stack<Derivatives>, p: Point, t: f64) -> Result<Derivatives, ParseError> {
-        let jet = code::run(&self.code, stack, |name| match name {
-            Name::T => Derivatives::moving(t),
-            place => Derivatives::constant(variable(p, t)(place)),
-        });
-        self.finite(p, t, jet.value)?;
-        if jet.first.is_finite() {
-            return Ok(jet);
-        }
-        let wrong = format!("no velocity{}; expected a smooth formula", self.describe(p, t));
-        Err(ParseError::new(&self.text, 0, wrong))
     }
 
     /// Returns the terms whose sum is the field, or `None` where no such sum is found and the field
@@ -428,32 +415,5 @@ impl Display for Condition {
 impl Serialize for Condition {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         self.0.serialize(serializer)
-    }
-}
-
-/// Function of time alone: a formula of t, or a table.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Signal {
-    /// Formula of t.
-    Formula(Field),
-    /// Table of measured values.
-    Table(Table),
-}
-
-impl Signal {
-    /// Returns the value at a time (s). An error is returned where a formula is not finite.
-    pub fn value(&self, t: f64) -> Result<f64, ParseError> {
-        match self {
-            Signal::Formula(field) => field.value(Point::origin(), t),
-            Signal::Table(table) => Ok(table.value(t)),
-        }
-    }
-
-    /// Returns the value and its first two derivatives at a time (s).
-    pub fn jet(&self, t: f64) -> Result<Derivatives, ParseError> {
-        match self {
-            Signal::Formula(field) => field.jet(Point::origin(), t),
-            Signal::Table(table) => Ok(table.jet(t)),
-        }
     }
 }
