@@ -55,23 +55,12 @@ impl Pressure {
         Ok(pressure)
     }
 
-    /// Adds the load, in N, of a function that computes an upward pressure, in Pa, at points.
+    /// Adds the load, in N, of a function that computes an upward pressure, in Pa, at points, with
+    /// other quadrature rules on some cells.
     ///
     /// # Errors
     /// Returns the errors of the pressure.
     pub fn load(
-        &self,
-        pressure: impl Fn(&[Point], &mut [f64]) -> Result<()>,
-        load: &mut [f64],
-    ) -> Result<()> {
-        self.load_by(&Rules::new(), pressure, load)
-    }
-
-    /// Adds a load like [`Pressure::load`], with other quadrature rules on some cells.
-    ///
-    /// # Errors
-    /// Returns the errors of [`Pressure::load`].
-    pub fn load_by(
         &self,
         rules: &Rules,
         pressure: impl Fn(&[Point], &mut [f64]) -> Result<()>,

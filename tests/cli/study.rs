@@ -171,7 +171,10 @@ fn sinusoidal_error(mesh: Mesh) -> [f64; 2] {
         Ok(())
     };
     let mut load = vec![0.0; space.dofs()];
-    assembly::Pressure::new(mesh, &matrices.cells).unwrap().load(fill, &mut load).unwrap();
+    assembly::Pressure::new(mesh, &matrices.cells)
+        .unwrap()
+        .load(&Default::default(), fill, &mut load)
+        .unwrap();
     engine.factor(&stiffness.into(), &[]).unwrap().solve(&mut load).unwrap();
     let points = Points::new(mesh, &plate).unwrap();
     let jet = |p: &Point| -> Jet {

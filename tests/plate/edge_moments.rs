@@ -39,7 +39,10 @@ fn curvatures_at_clamped_edges_converge() {
                 points.iter().zip(values).for_each(|(p, value)| *value = load(p));
                 Ok(())
             };
-            Pressure::new(&plate.mesh, &plate.cells).unwrap().load(pressure, &mut force).unwrap();
+            Pressure::new(&plate.mesh, &plate.cells)
+                .unwrap()
+                .load(&Default::default(), pressure, &mut force)
+                .unwrap();
             let (u, _, _) =
                 scheme::equilibrium(&plate.engine, &plate.stiffness, &force, &Bounds::default()).unwrap();
             let nodes = recovered(&plate, &plate.space.shape(&u)).into_iter().zip(&plate.mesh.nodes);

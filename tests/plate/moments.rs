@@ -118,7 +118,10 @@ fn recovered_curvatures_converge_faster_than_the_elements_own() {
                 }
                 Ok(())
             };
-            Pressure::new(&plate.mesh, &plate.cells).unwrap().load(pressure, &mut load).unwrap();
+            Pressure::new(&plate.mesh, &plate.cells)
+                .unwrap()
+                .load(&Default::default(), pressure, &mut load)
+                .unwrap();
             let (u, _, _) =
                 scheme::equilibrium(&plate.engine, &plate.stiffness, &load, &Bounds::default()).unwrap();
             let shape = plate.space.shape(&u);

@@ -121,7 +121,9 @@ fn smooth_pressures_and_jumps_along_the_mesh_keep_their_rule() {
         let cells = rebond::assembly::cells(&mesh, &space, &scene.plate.plate).unwrap();
         let mut load = vec![0.0; space.dofs()];
         let points = rebond::assembly::Pressure::new(&mesh, &cells).unwrap();
-        points.load(|points, values| field.values(points, 0.0, values), &mut load).unwrap();
+        points
+            .load(&Default::default(), |points, values| field.values(points, 0.0, values), &mut load)
+            .unwrap();
         let matrices = simulation::matrices(&scene, &mesh, false).unwrap();
         assert_eq!(matrices.load, load, "{formula}");
     }

@@ -165,7 +165,7 @@ impl<P: Partition> BuildContext<'_, P> {
         let integral = || {
             let mut load = vec![0.0; dofs];
             let points = Pressure::new(self.mesh, &cells)?;
-            points.load_by(&rules, |points, values| pressure.values(points, 0.0, values), &mut load)?;
+            points.load(&rules, |points, values| pressure.values(points, 0.0, values), &mut load)?;
             Ok(load)
         };
         self.comm().all_ok(integral())

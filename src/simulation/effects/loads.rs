@@ -145,7 +145,7 @@ impl<P: Partition> Wave<P> {
         let rules = self.rules(t);
         let pressure = |points: &[Point], values: &mut [f64]| self.pressure.values(points, t, values);
         let comm = self.partition.comm();
-        comm.all_ok(rules.and_then(|rules| self.points.load_by(&rules, pressure, &mut load)))?;
+        comm.all_ok(rules.and_then(|rules| self.points.load(&rules, pressure, &mut load)))?;
         let load: Rc<[f64]> = load.into();
         loads.truncate(KEPT_INSTANTS - 1);
         loads.insert(0, (t.to_bits(), load.clone()));
