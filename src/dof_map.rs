@@ -366,12 +366,6 @@ impl Rigid {
         Rigid { centre, size, constraints: Matrix3::zeros() }
     }
 
-    /// Creates the unconstrained state for the centre and size of a mesh.
-    pub fn of(mesh: &Mesh) -> Rigid {
-        let centre = mesh.nodes.iter().fold(Point::origin(), |c, p| c + p.coords / mesh.nodes.len() as f64);
-        Rigid::new(centre, mesh.nodes.iter().map(|p| (p - centre).norm()).fold(0.0, f64::max))
-    }
-
     /// Constrains the deflection at a point.
     pub fn hold_deflection(&mut self, point: Point) {
         let arm = (point - self.centre) / self.size;

@@ -265,8 +265,7 @@ fn load_of(
 pub fn pieces(mesh: &Mesh) -> Result<Vec<Triangle>> {
     let mut pieces = Vec::new();
     for cell in 0..mesh.cells.len() {
-        let numbered = mesh.element(cell)?.pieces().into_iter().enumerate();
-        pieces.extend(numbered.map(|(piece, vertices)| Triangle { cell, piece, vertices }));
+        pieces.extend(mesh.element(cell)?.pieces().into_iter().map(|vertices| Triangle { cell, vertices }));
     }
     Ok(pieces)
 }

@@ -95,8 +95,6 @@ pub struct Refined {
 pub struct Triangle {
     /// Number of the cell.
     pub cell: usize,
-    /// Number of the piece in the cell.
-    pub piece: usize,
     /// Vertices of the piece, in m.
     pub vertices: [Point; 3],
 }
