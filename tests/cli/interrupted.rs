@@ -427,10 +427,22 @@ fn with_little_room(folder: &Path, kib: usize, arguments: &[&str]) -> std::proce
         .unwrap()
 }
 
+/// Damped stop, which the plate presses at each of the later ends.
+const DAMPED: [&str; 8] = [
+    "--set",
+    "time.scheme=conserving",
+    "--set",
+    "time.mass=modal",
+    "--set",
+    "time.modes=6",
+    "--set",
+    "obstacle=[{ side = \"below\", height = 0.05, at = [1.2, 0.3], stiffness = 1e4, damping = 20 }]",
+];
+
 /// A finished run continues to a later end, and leaves the files of a run to that end.
 #[test]
 fn a_run_that_is_done_goes_on_to_a_later_end() {
-    for (name, overrides) in [("newmark", &[][..]), ("exact", &EXACT)] {
+    for (name, overrides) in [("newmark", &[][..]), ("exact", &EXACT), ("damped", &DAMPED)] {
         let folder = folder(&format!("until-{name}"));
         whole(&folder, overrides);
         let run = ["run", "fall.toml", "--quiet", "--out", "run", "--set", "time.end=0.05"];

@@ -76,6 +76,7 @@ impl<E: Engine> ModalScheme<'_, E> {
             self.reach.renew_all();
             while self.admit_near()? {}
         }
+        self.tips.begin(&self.before);
         // The start has listed candidates, and deflections are those of listed candidates.
         self.record.candidates = Some(Vec::new());
         self.is_listed = false;
