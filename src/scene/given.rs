@@ -42,19 +42,31 @@ pub struct OfDeflection<'f> {
 }
 
 impl OfDeflection<'_> {
+    /// Returns the value at a place (m) under a deflection (m).
+    ///
+    /// # Errors
+    /// Returns [`Error::Scene`] naming the key where the formula has no finite value.
+    pub fn value(&self, place: Point, deflection: f64) -> Result<f64> {
+        let value = self.field.value(place, deflection);
+        Ok(self.factor * value.map_err(|_| self.fault(deflection))?)
+    }
+
     /// Returns the value and its two derivatives by the deflection (m) at a place (m).
     ///
     /// # Errors
     /// Returns [`Error::Scene`] naming the key where the formula has no finite value or is not
     /// smooth.
-    pub fn at(&self, place: Point, deflection: f64) -> Result<[f64; 3]> {
-        let Ok(Derivatives { value, first, second }) = self.field.jet(place, deflection) else {
-            return Err(Error::Scene(format!(
-                "{}: \"{}\" has no finite value and slope where the deflection is {deflection:.4e} m",
-                self.input.key, self.input.formula
-            )));
-        };
+    pub fn jet(&self, place: Point, deflection: f64) -> Result<[f64; 3]> {
+        let jet = self.field.jet(place, deflection);
+        let Derivatives { value, first, second } = jet.map_err(|_| self.fault(deflection))?;
         Ok([value, first, second].map(|part| self.factor * part))
+    }
+
+    fn fault(&self, deflection: f64) -> Error {
+        Error::Scene(format!(
+            "{}: \"{}\" has no finite value and slope where the deflection is {deflection:.4e} m",
+            self.input.key, self.input.formula
+        ))
     }
 }
 

@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::linalg::{ElementMatrix, vectors};
 use crate::mesh::Point;
 use crate::partition::Partition;
-use crate::scene::{FieldInput, OfDeflection};
+use crate::scene::FieldInput;
 use crate::scheme::FollowingLoad;
 use std::rc::Rc;
 
@@ -88,7 +88,8 @@ impl<P: Partition> FollowingPressure<P> {
         let mut integrate = || {
             for (points, places) in &self.cells {
                 for point in points {
-                    let [value, _] = point.pressure(&pressure, places, &shape)?;
+                    let value =
+                        point.weight * pressure.value(point.place, point.deflection(places, &shape))?;
                     places.iter().zip(&point.values).for_each(|(&place, basis)| load[place] += value * basis);
                 }
             }
@@ -116,8 +117,8 @@ impl<P: Partition> FollowingPressure<P> {
             let (points, places) = &self.cells[number];
             let mut matrix = vec![0.0; places.len() * places.len()];
             for point in points {
-                let [_, slope] = point.pressure(&pressure, places, &shape)?;
-                let slope = factor * if softens { slope } else { slope.min(0.0) };
+                let [_, slope, _] = pressure.jet(point.place, point.deflection(places, &shape))?;
+                let slope = factor * point.weight * if softens { slope } else { slope.min(0.0) };
                 for (row, a) in matrix.chunks_exact_mut(places.len()).zip(&point.values) {
                     row.iter_mut().zip(&point.values).for_each(|(entry, b)| *entry -= slope * a * b);
                 }
@@ -129,12 +130,6 @@ impl<P: Partition> FollowingPressure<P> {
 }
 
 impl PressedPoint {
-    /// Returns the pressure and its derivative, times the weight.
-    fn pressure(&self, pressure: &OfDeflection, places: &[usize], shape: &[f64]) -> Result<[f64; 2]> {
-        let [value, slope, _] = pressure.at(self.place, self.deflection(places, shape))?;
-        Ok([self.weight * value, self.weight * slope])
-    }
-
     /// Returns the deflection, in m.
     fn deflection(&self, places: &[usize], shape: &[f64]) -> f64 {
         self.values.iter().zip(places).map(|(basis, &place)| basis * shape[place]).sum()
@@ -156,7 +151,7 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
                 for point in points {
                     let deflection = point.deflection(places, &shape);
                     for (share, weight) in GAUSS {
-                        let [value, ..] = pressure.at(point.place, share * deflection)?;
+                        let value = pressure.value(point.place, share * deflection)?;
                         work += point.weight * weight * deflection * value;
                     }
                 }
@@ -178,7 +173,8 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
         let mut limit = || {
             for (points, places) in &self.cells {
                 for point in points {
-                    let [_, slope, curvature] = pressure.at(point.place, point.deflection(places, &shape))?;
+                    let [_, slope, curvature] =
+                        pressure.jet(point.place, point.deflection(places, &shape))?;
                     let step = point.deflection(places, &change);
                     if slope > 0.0 && curvature * step > 0.0 {
                         let free = (slope / curvature).abs().max(LEAST * farthest);
