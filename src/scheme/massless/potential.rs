@@ -195,9 +195,30 @@ impl<'s, E: Engine> Potential<'s, E> {
         })
     }
 
-    /// Moves a state to U(p) of its own `$p = C^{-1} B U$` at its own instant.
+    /// Moves a displacement to U(p) of its own `$p = C^{-1} B U$` at `time` (s) and sets the
+    /// reactions of the obstacles there, in N.
+    ///
+    /// # Errors
+    /// Returns the errors of the engine.
+    pub fn settle(&mut self, time: f64, u: &mut [f64], reaction: &mut [f64]) -> Result<StepReport> {
+        let instant = self.system.instant(time)?;
+        self.settle_at(&instant, u, reaction)
+    }
+
+    /// Moves a state to U(p) at its own instant.
     pub(in crate::scheme) fn settle_state(&mut self, state: &mut State) -> Result<StepReport> {
         let State { instant, u, reaction, .. } = state;
+        let report = self.settle_at(instant, u, reaction)?;
+        state.update_energies(self.system)?;
+        Ok(report)
+    }
+
+    fn settle_at(
+        &mut self,
+        instant: &InstantData,
+        u: &mut [f64],
+        reaction: &mut [f64],
+    ) -> Result<StepReport> {
         let System { engine, mass, .. } = self.system;
         self.u.copy_from_slice(u);
         self.multiplier.fill(0.0);
@@ -207,7 +228,6 @@ impl<'s, E: Engine> Potential<'s, E> {
         let report = self.reach(increment, instant, None)?;
         u.copy_from_slice(&self.u);
         reaction.copy_from_slice(&self.reaction);
-        state.update_energies(self.system)?;
         Ok(report)
     }
 
