@@ -2,7 +2,7 @@
 
 use crate::error::Result;
 use crate::linalg::LinearCombination;
-use crate::petsc::{Comm, Context, Index, Matrix};
+use crate::petsc::{Context, Index, Matrix};
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -39,7 +39,7 @@ pub(super) fn assembled(
     }
     let dofs: Vec<Index> = global.iter().copied().filter(|&dof| dof >= 0).collect();
     let (sizes, dofs) = ([owned; 2], of_subdomains.then_some(&dofs[..]));
-    let mut matrix = Matrix::from_pattern(context, Comm::World, sizes, [rows, columns], dofs)?;
+    let mut matrix = Matrix::from_pattern(context, sizes, [rows, columns], dofs)?;
     let mut values = Vec::with_capacity(count);
     for range in parts {
         values.extend(entries_of(global, sum, range).into_iter().flatten().map(|(_, value)| value));

@@ -12,7 +12,7 @@ use super::hierarchy::{Hierarchy, Step};
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::BoundedDofs;
-use crate::petsc::{Comm, Context, Ksp, Matrix, MultigridLevels, Smoother, Vector};
+use crate::petsc::{Context, Ksp, Matrix, MultigridLevels, Smoother, Vector};
 use std::rc::Rc;
 
 /// Largest number of exchanges on a mesh. Wherever they end, the next mesh goes on from there.
@@ -162,7 +162,7 @@ impl CoarseMesh {
     ) -> Result<CoarseMesh> {
         let mut held = matrix.duplicate()?;
         held.set_positive_definite()?;
-        let mut solver = Ksp::new(context, Comm::World, "")?;
+        let mut solver = Ksp::new(context, "")?;
         let levels = solver.default_to_multigrid(&held, interpolations, smoother)?;
         solver.set_operator(&held)?;
         solver.set_from_options()?;

@@ -16,7 +16,7 @@ use crate::linalg::{
     Engine, Factor, Form, Indefinite, LinearCombination, LinearMethod, LinearSolves, MOST_SPOILT, Native,
     RowCoupling, SingularMassCells, estimate_factor_error, precise_entries,
 };
-use crate::petsc::{Comm, Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
+use crate::petsc::{Context, Index, Ksp, Matrix, Plex, Vector, WorldComm};
 use faer::Mat;
 use std::borrow::Cow;
 use std::cell::Cell;
@@ -309,7 +309,7 @@ impl Engine for Distributed {
         for name in COUNTING {
             self.context.default_option(&format!("{COUNT}{name}"), "1")?;
         }
-        let mut solver = Ksp::new(&self.context, Comm::World, COUNT)?;
+        let mut solver = Ksp::new(&self.context, COUNT)?;
         if !solver.is_direct()? {
             return Ok(None);
         }
@@ -318,7 +318,7 @@ impl Engine for Distributed {
         solver.set_from_options()?;
         solver.set_up()?;
         let [negative, _, _] = solver.inertia()?;
-        let mut right = Vector::new(&self.context, Comm::World, self.owned)?;
+        let mut right = Vector::new(&self.context, self.owned)?;
         let mut solution = right.duplicate()?;
         let solve = move |x: &mut Mat<f64>| {
             for mut column in x.col_iter_mut() {

@@ -6,7 +6,7 @@ use super::products::CellOperator;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::{BoundedDofs, CascadeFactor, Factor, LinearMethod, LinearSolves};
-use crate::petsc::{Comm, Context, Index, Ksp, Matrix, MultigridLevels, Operator, Vector};
+use crate::petsc::{Context, Index, Ksp, Matrix, MultigridLevels, Operator, Vector};
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
@@ -154,7 +154,7 @@ impl SystemSolver {
         prefix: &'static str,
         hierarchy: Option<&Rc<Hierarchy>>,
     ) -> Result<SystemSolver> {
-        let solver = Ksp::new(context, Comm::World, prefix)?;
+        let solver = Ksp::new(context, prefix)?;
         let kind = match (solver.is_multigrid()?, hierarchy) {
             (None | Some(true), Some(hierarchy)) => SolverKind::Multigrid(hierarchy.clone()),
             _ if context.solver_options(prefix)?.is_empty() => SolverKind::Substructures,
@@ -211,7 +211,7 @@ fn solver(
     operator: Option<Operator>,
     hierarchy: Option<&Rc<Hierarchy>>,
 ) -> Result<(Ksp, Option<MultigridLevels>)> {
-    let mut solver = Ksp::new(context, Comm::World, prefix)?;
+    let mut solver = Ksp::new(context, prefix)?;
     let levels = match hierarchy {
         Some(hierarchy) => {
             let interpolations = hierarchy.interpolations();

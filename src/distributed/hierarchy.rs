@@ -20,7 +20,7 @@ use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
 use crate::element::{BasisFunction, CellShape, ElementKind};
 use crate::error::Result;
 use crate::mesh::{Cell, Mesh, Point};
-use crate::petsc::{Comm, Index, Matrix, Plex, Refinement, Smoother};
+use crate::petsc::{Index, Matrix, Plex, Refinement, Smoother};
 use std::collections::HashMap;
 use std::ops::Range;
 use std::rc::Rc;
@@ -355,7 +355,7 @@ impl<'e> Entries<'e> {
         let context = self.fine.plex.context();
         let size = |level: &Level| Ok(level.plex.global_vector()?.local_size());
         let sizes = [size(self.fine)?, size(self.coarse)?];
-        let mut matrix = Matrix::from_pattern(context, Comm::World, sizes, [self.rows, self.columns], None)?;
+        let mut matrix = Matrix::from_pattern(context, sizes, [self.rows, self.columns], None)?;
         matrix.set_values(&self.values)?;
         matrix.without_triplets()
     }

@@ -4,7 +4,7 @@ use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
 use crate::element::ElementByShape;
 use crate::error::{Error, Result};
 use crate::mesh::{Cell, Mesh, Point};
-use crate::petsc::{Comm, Dofs, Index, Plex, Section};
+use crate::petsc::{Dofs, Index, Plex, Section};
 use std::ops::Range;
 
 /// Labels of named edges, groups and points; the value is the number of the name, from 1.
@@ -96,7 +96,7 @@ pub(super) fn section(
 ) -> Result<Section> {
     let (cells, vertices) = (plex.cells(), plex.vertices());
     // Cells come before vertices, and so do their dofs.
-    Section::new(plex.context(), Comm::World, plex.chart(), |point| {
+    Section::new(plex.context(), plex.chart(), |point| {
         if cells.contains(&point) {
             let cell = (point - cells.start) as usize;
             return Dofs {
@@ -122,7 +122,7 @@ pub(super) fn section(
 /// Returns [`Error::Petsc`] where PETSc reports an error.
 pub fn sum_at_nodes(plex: &Plex, nodal: &[f64]) -> Result<Vec<f64>> {
     let vertices = plex.vertices();
-    let one_each = Section::new(plex.context(), Comm::World, plex.chart(), |point| Dofs {
+    let one_each = Section::new(plex.context(), plex.chart(), |point| Dofs {
         count: usize::from(vertices.contains(&point)),
         held: Vec::new(),
     })?;

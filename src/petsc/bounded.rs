@@ -9,7 +9,7 @@ macro_rules! bounded_solver {
     (
         $(#[$doc:meta])* $name:ident, $raw:ident, $function:ty, $set_derivative:ident,
         $create:ident, $destroy:ident, $set_prefix:ident, $set_type:ident, $set_matrix:ident, $set_bounds:ident,
-        $set_from_options:ident, $iterations:ident, $linear_iterations:ident, $ksp:ident, $kind:ident
+        $set_from_options:ident, $iterations:ident
     ) => {
         $crate::petsc::handle::handle! {
             $(#[$doc])*
@@ -27,8 +27,8 @@ macro_rules! bounded_solver {
             ///
             /// # Errors
             /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-            pub fn new(context: &Rc<Context>, comm: Comm, prefix: &str) -> Result<Self> {
-                let mut solver = Self::owning(get!($create(context.raw(comm)))?, context);
+            pub fn new(context: &Rc<Context>, prefix: &str) -> Result<Self> {
+                let mut solver = Self::owning(get!($create(context.raw()))?, context);
                 solver.prefix = prefix.into();
                 call!($set_prefix(solver.raw, Prefix::new(prefix)?.pointer()))?;
                 context.note_prefix(prefix);
@@ -101,39 +101,6 @@ macro_rules! bounded_solver {
             /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
             pub fn iterations(&self) -> Result<usize> {
                 Ok(get!($iterations(self.raw))? as usize)
-            }
-
-            /// Returns the number of linear iterations of the last solve; each direct solve counts
-            /// as one.
-            ///
-            /// # Errors
-            /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-            pub fn linear_iterations(&self) -> Result<usize> {
-                Ok(get!($linear_iterations(self.raw))? as usize)
-            }
-
-            /// Returns the linear solver of the method, or `None` if it has none.
-            ///
-            /// # Errors
-            /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-            pub fn linear_solver(&self) -> Result<Option<Ksp>> {
-                let raw = get!($ksp(self.raw))?;
-                if raw.is_null() {
-                    return Ok(None);
-                }
-                let mut solver = Ksp::sharing(raw, &self.context)?;
-                solver.prefix.clone_from(&self.prefix);
-                Ok(Some(solver))
-            }
-
-            /// Returns the name of the method.
-            ///
-            /// # Errors
-            /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-            pub fn kind(&self) -> Result<String> {
-                let name = get!($kind(self.raw))?;
-                // SAFETY: the name belongs to PETSc; it is null before one is set.
-                Ok(unsafe { text(name) })
             }
         }
 

@@ -19,15 +19,6 @@ use std::time::Duration;
 /// Whether MPI was started in this process, which is possible only once.
 static STARTED: AtomicBool = AtomicBool::new(false);
 
-/// Choice of the communicator that an object lives on.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Comm {
-    /// All ranks: calls on the object are collective.
-    World,
-    /// This rank alone.
-    Own,
-}
-
 /// Running MPI and PETSc. PETSc stops when the last owner is dropped, and then MPI with the last
 /// copy of its communicator.
 ///
@@ -142,12 +133,8 @@ impl Context {
         (self.everyone.rank() / self.size(), self.everyone.size() / self.size())
     }
 
-    pub(super) fn raw(&self, comm: Comm) -> sys::MPI_Comm {
-        match comm {
-            Comm::World => self.comm.world().as_raw(),
-            // SAFETY: this is a constant of the MPI library.
-            Comm::Own => unsafe { mpi::ffi::RSMPI_COMM_SELF },
-        }
+    pub(super) fn raw(&self) -> sys::MPI_Comm {
+        self.comm.world().as_raw()
     }
 
     /// Waits for all ranks, and returns whether they arrived in time. Collective.

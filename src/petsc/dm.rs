@@ -5,7 +5,7 @@
 use super::error::{c_string, call, get, int};
 use super::handle::handle;
 use super::vec::slice;
-use super::{Comm, Context, Dofs, Index, IndexSet, Section, Vector, sys};
+use super::{Context, Dofs, Index, IndexSet, Section, Vector, sys};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use std::ops::Range;
@@ -46,7 +46,7 @@ impl Plex {
         }
         let [count, nodes, corners] = [int(cells.len() / corners)?, int(vertices.len())?, int(corners)?];
         let raw = get!(DMPlexCreateFromCellListParallelPetsc(
-            context.raw(Comm::World),
+            context.raw(),
             2,
             count,
             nodes,
@@ -89,7 +89,7 @@ impl Plex {
         let cones: Vec<Index> = cells.concat().into_iter().map(|v| (cells.len() + v) as Index).collect();
         let orientations = vec![0; cones.len()];
         let strata = [vertices.len() as Index, cells.len() as Index];
-        let raw = get!(DMPlexCreate(context.raw(Comm::World)))?;
+        let raw = get!(DMPlexCreate(context.raw()))?;
         let bare = Self::owning(raw, context);
         call!(DMSetDimension(raw, 2))?;
         call!(DMPlexCreateFromDAG(
@@ -260,11 +260,10 @@ impl Plex {
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn boundary_edges(&self) -> Result<Vec<Index>> {
         let edges = self.edges();
-        let counter =
-            self.with_section(&Section::new(&self.context, Comm::World, self.chart(), |point| Dofs {
-                count: edges.contains(&point).into(),
-                held: Vec::new(),
-            })?)?;
+        let counter = self.with_section(&Section::new(&self.context, self.chart(), |point| Dofs {
+            count: edges.contains(&point).into(),
+            held: Vec::new(),
+        })?)?;
         let (mut sums, mut mine) = (counter.global_vector()?, counter.local_vector()?);
         let counts =
             edges.clone().map(|edge| Ok(self.support(edge)?.len() as f64)).collect::<Result<Vec<_>>>()?;
@@ -311,16 +310,6 @@ impl Plex {
         let mesh = Self::owning(raw, &self.context);
         call!(DMSetLocalSection(raw, section.raw))?;
         Ok(mesh)
-    }
-
-    /// Returns the positions of each point's dofs in global vectors. Collective.
-    ///
-    /// See [`Section::offset`] for the sign.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn global_section(&self) -> Result<Section> {
-        Section::sharing(get!(DMGetGlobalSection(self.raw))?, &self.context)
     }
 
     /// Creates a global vector of zeros: the free dofs of the points that each rank owns.

@@ -2,12 +2,11 @@
 
 #![allow(unsafe_code)]
 
-use super::error::{call, get, int};
+use super::Index;
+use super::error::{call, get};
 use super::handle::handle;
 use super::vec::slice;
-use super::{Comm, Context, Index, sys};
 use crate::error::Result;
-use std::rc::Rc;
 
 handle! {
     /// Ordered indices of each rank. Creating and dropping the set is collective.
@@ -15,16 +14,6 @@ handle! {
 }
 
 impl IndexSet {
-    /// Creates a set from the indices of each rank. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn new(context: &Rc<Context>, comm: Comm, indices: &[Index]) -> Result<Self> {
-        let mode = sys::PetscCopyMode::PETSC_COPY_VALUES;
-        let raw = get!(ISCreateGeneral(context.raw(comm), int(indices.len())?, indices.as_ptr(), mode))?;
-        Ok(Self::owning(raw, context))
-    }
-
     /// Returns this rank's indices.
     ///
     /// # Errors

@@ -6,7 +6,7 @@ use super::callback::settle;
 use super::error::{call, get, int, text};
 use super::handle::handle;
 use super::options::Prefix;
-use super::{Comm, Context, Matrix, Operator, Reason, Vector, sys};
+use super::{Context, Matrix, Operator, Reason, Vector, sys};
 use crate::error::{Error, Result};
 use std::rc::Rc;
 
@@ -21,8 +21,8 @@ impl Ksp {
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn new(context: &Rc<Context>, comm: Comm, prefix: &str) -> Result<Self> {
-        let raw = get!(KSPCreate(context.raw(comm)))?;
+    pub fn new(context: &Rc<Context>, prefix: &str) -> Result<Self> {
+        let raw = get!(KSPCreate(context.raw()))?;
         let mut solver = Self::owning(raw, context);
         call!(KSPSetOptionsPrefix(raw, Prefix::new(prefix)?.pointer()))?;
         solver.prefix = prefix.into();
@@ -104,8 +104,7 @@ impl Ksp {
 
     /// Sets the matrix. Collective.
     ///
-    /// A second call after a change of its values has the matrix factored anew, unless
-    /// [`Ksp::keep_preconditioner`] is on.
+    /// A second call after a change of its values has the matrix factored anew.
     ///
     /// # Errors
     /// Returns [`Error::Petsc`] where PETSc reports an error.
@@ -130,27 +129,6 @@ impl Ksp {
         self.set_operators(&operator.matrix, preconditioner)?;
         self.operator = Some(operator);
         Ok(())
-    }
-
-    /// Sets whether later solves reuse the preconditioner (the factor) when the matrix changes.
-    /// Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn keep_preconditioner(&mut self, keep: bool) -> Result<()> {
-        call!(KSPSetReusePreconditioner(self.raw, sys::truth(keep)))
-    }
-
-    /// Sets the relative and absolute tolerances and the iteration limit. Collective.
-    ///
-    /// Options override them if [`Ksp::set_from_options`] comes later.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where one is negative or not a number.
-    pub fn set_tolerances(&mut self, relative: f64, absolute: f64, iterations: usize) -> Result<()> {
-        super::refuse_nan(&[relative, absolute])?;
-        let keep = f64::from(sys::PETSC_DEFAULT);
-        call!(KSPSetTolerances(self.raw, relative, absolute, keep, int(iterations)?))
     }
 
     /// Builds the preconditioner, which means factoring the matrix for a direct solver. Collective.

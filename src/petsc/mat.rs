@@ -5,7 +5,7 @@
 use super::error::{call, get, int};
 use super::handle::handle;
 use super::vec::slice;
-use super::{Comm, Context, Index, IndexSet, Vector, sys};
+use super::{Context, Index, Vector, sys};
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use std::ops::Range;
@@ -33,14 +33,12 @@ impl Matrix {
     /// Returns [`Error::Petsc`] where an index is too large.
     pub fn from_triplets(
         context: &Rc<Context>,
-        comm: Comm,
         local: usize,
         rows: &[Index],
         columns: &[Index],
         values: &[f64],
     ) -> Result<Self> {
-        let mut matrix =
-            Self::from_pattern(context, comm, [local; 2], [rows, columns].map(<[_]>::to_vec), None)?;
+        let mut matrix = Self::from_pattern(context, [local; 2], [rows, columns].map(<[_]>::to_vec), None)?;
         matrix.set_values(values)?;
         Ok(matrix)
     }
@@ -57,15 +55,14 @@ impl Matrix {
     /// Returns [`Error::Petsc`] where an index is too large.
     pub fn from_pattern(
         context: &Rc<Context>,
-        comm: Comm,
         local: [usize; 2],
         [mut rows, mut columns]: [Vec<Index>; 2],
         dofs: Option<&[Index]>,
     ) -> Result<Self> {
-        let ends = local.map(|n| if comm == Comm::World { context.comm().all_reduce_sum(n) } else { n });
+        let ends = context.comm().all_reduce_sum(local);
         let within = |indices: &[Index], end: usize| indices.iter().all(|&i| i < 0 || (i as usize) < end);
         let good = rows.len() == columns.len() && within(&rows, ends[0]) && within(&columns, ends[1]);
-        if !(if comm == Comm::World { context.comm().all_reduce_all(good) } else { good }) {
+        if !context.comm().all_reduce_all(good) {
             return Err(Error::Petsc(format!(
                 "a pattern of {} rows and {} columns, or an index outside the {} x {} matrix",
                 rows.len(),
@@ -74,7 +71,7 @@ impl Matrix {
                 ends[1]
             )));
         }
-        let raw = get!(MatCreate(context.raw(comm)))?;
+        let raw = get!(MatCreate(context.raw()))?;
         let mut matrix = Self::owning(raw, context);
         let end = sys::PETSC_DETERMINE;
         call!(MatSetSizes(raw, int(local[0])?, int(local[1])?, end, end))?;
@@ -83,7 +80,7 @@ impl Matrix {
             Some(dofs) => {
                 call!(MatSetType(raw, c"is".as_ptr()))?;
                 let (count, copy) = (int(dofs.len())?, sys::PetscCopyMode::PETSC_COPY_VALUES);
-                let comm = context.raw(comm);
+                let comm = context.raw();
                 let mut map = get!(ISLocalToGlobalMappingCreate(comm, 1, count, dofs.as_ptr(), copy))?;
                 // The matrix keeps a reference of its own.
                 let set = call!(MatSetLocalToGlobalMapping(raw, map, map));
@@ -116,12 +113,6 @@ impl Matrix {
     /// Returns [`Error::Petsc`] where PETSc reports an error.
     pub fn without_triplets(self) -> Result<Self> {
         self.duplicate()
-    }
-
-    /// Returns the numbers of rows and columns over all ranks.
-    pub fn size(&self) -> [usize; 2] {
-        // This call cannot fail: the matrix has sizes.
-        get!(MatGetSize(self.raw; rows, columns)).map_or([0; 2], |(m, n)| [m as usize, n as usize])
     }
 
     /// Returns the numbers of rows and columns that this rank owns.
@@ -177,7 +168,7 @@ impl Matrix {
             let norm = motion.dot(motion)?.sqrt();
             motion.scale(if norm > 0.0 { 1.0 / norm } else { 0.0 })?;
         }
-        let comm = self.context.raw(Comm::World);
+        let comm = self.context.raw();
         let vectors: Vec<sys::Vec> = motions.iter().map(|motion| motion.raw).collect();
         let none = sys::truth(false);
         let mut space = get!(MatNullSpaceCreate(comm, none, int(vectors.len())?, vectors.as_ptr()))?;
@@ -217,14 +208,6 @@ impl Matrix {
     /// Returns [`Error::Petsc`] where the layouts differ.
     pub fn multiply_transposed(&self, x: &Vector, y: &mut Vector) -> Result<()> {
         call!(MatMultTranspose(self.raw, x.raw, y.raw))
-    }
-
-    /// Multiplies the matrix by a factor. Collective.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn scale(&mut self, factor: f64) -> Result<()> {
-        call!(MatScale(self.raw, factor))
     }
 
     /// Replaces A by D A D, where D is the diagonal matrix of these entries. Collective.
@@ -272,7 +255,7 @@ impl Matrix {
     pub fn block_diagonal(first: &Matrix, second: &Matrix) -> Result<Self> {
         let (context, none) = (&first.context, std::ptr::null_mut());
         let blocks = [first.raw, none, none, second.raw];
-        let (comm, rows) = (context.raw(Comm::World), std::ptr::null());
+        let (comm, rows) = (context.raw(), std::ptr::null());
         let nest = get!(MatCreateNest(comm, 2, rows, 2, rows, blocks.as_ptr()))?;
         let nest = Self::owning(nest, context);
         Ok(Self::owning(get!(MatConvert(nest.raw, c"aij".as_ptr(), NEW))?, context))
@@ -325,8 +308,7 @@ impl Matrix {
             columns.extend(in_row);
             values.extend(entries);
         }
-        let mut matrix =
-            Self::from_pattern(&self.context, Comm::World, self.local_size(), [of_rows, columns], None)?;
+        let mut matrix = Self::from_pattern(&self.context, self.local_size(), [of_rows, columns], None)?;
         matrix.set_values(&values)?;
         Ok(matrix)
     }
@@ -438,17 +420,6 @@ impl Matrix {
     pub fn zero_rows_columns(&mut self, rows: &[Index], diagonal: f64) -> Result<()> {
         let null = std::ptr::null_mut();
         call!(MatZeroRowsColumns(self.raw, int(rows.len())?, rows.as_ptr(), diagonal, null, null))
-    }
-
-    /// Extracts the block of some rows and columns. Collective.
-    ///
-    /// Each rank names the rows and columns that it will own in the block.
-    ///
-    /// # Errors
-    /// Returns [`Error::Petsc`] where PETSc reports an error.
-    pub fn submatrix(&self, rows: &IndexSet, columns: &IndexSet) -> Result<Matrix> {
-        let raw = get!(MatCreateSubMatrix(self.raw, rows.raw, columns.raw, NEW))?;
-        Ok(Self::owning(raw, &self.context))
     }
 
     /// Returns the columns and values of a row that this rank owns.

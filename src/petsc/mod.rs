@@ -44,7 +44,7 @@ mod section;
 mod dm;
 mod refinement;
 
-pub use context::{Comm, Context};
+pub use context::Context;
 pub use dm::Plex;
 pub use index_set::IndexSet;
 pub use ksp::Ksp;
@@ -79,12 +79,4 @@ impl Reason {
     pub fn converged(&self) -> bool {
         self.code > 0
     }
-}
-
-/// Refuses tolerances that are NaN, which PETSc lets pass.
-fn refuse_nan(tolerances: &[f64]) -> crate::Result<()> {
-    if tolerances.iter().any(|value| value.is_nan()) {
-        return Err(crate::Error::Petsc("a tolerance is not a number".into()));
-    }
-    Ok(())
 }

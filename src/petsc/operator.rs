@@ -4,7 +4,7 @@
 
 use super::callback::{Callback, CallbackSlot, Failure, guard};
 use super::error::{call, get, int, raise};
-use super::{Comm, Context, Matrix, Vector, sys};
+use super::{Context, Matrix, Vector, sys};
 use crate::error::Result;
 use std::ffi::c_void;
 use std::rc::Rc;
@@ -33,7 +33,7 @@ impl Operator {
         product: impl FnMut(&Vector, &mut Vector) -> Result<()> + 'static,
     ) -> Result<Self> {
         let failure = Failure::default();
-        let (comm, local, end) = (context.raw(Comm::World), int(local)?, sys::PETSC_DETERMINE);
+        let (comm, local, end) = (context.raw(), int(local)?, sys::PETSC_DETERMINE);
         let mut slot = CallbackSlot::<Product>::default();
         let raw = slot.set(context, &failure, Box::new(product), |state| {
             get!(MatCreateShell(comm, local, local, end, end, state))

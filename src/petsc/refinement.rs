@@ -4,7 +4,7 @@
 
 use super::error::{call, get};
 use super::handle::handle;
-use super::{Comm, Index, Plex, sys};
+use super::{Index, Plex, sys};
 use crate::error::Result;
 
 handle! {
@@ -21,7 +21,7 @@ impl Refinement {
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(mesh: &Plex) -> Result<Self> {
-        let raw = get!(DMPlexTransformCreate(mesh.context.raw(Comm::World)))?;
+        let raw = get!(DMPlexTransformCreate(mesh.context.raw()))?;
         let refinement = Self::owning(raw, &mesh.context);
         call!(DMPlexTransformSetType(raw, c"refine_regular".as_ptr()))?;
         call!(DMPlexTransformSetDM(raw, mesh.raw))?;

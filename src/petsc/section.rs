@@ -4,7 +4,7 @@
 
 use super::error::{call, get, int};
 use super::handle::handle;
-use super::{Comm, Context, Index};
+use super::{Context, Index};
 use crate::error::Result;
 use std::ops::Range;
 use std::rc::Rc;
@@ -32,11 +32,10 @@ impl Section {
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
     pub fn new(
         context: &Rc<Context>,
-        comm: Comm,
         chart: Range<Index>,
         mut dofs: impl FnMut(Index) -> Dofs,
     ) -> Result<Self> {
-        let raw = get!(PetscSectionCreate(context.raw(comm)))?;
+        let raw = get!(PetscSectionCreate(context.raw()))?;
         let section = Self::owning(raw, context);
         call!(PetscSectionSetChart(raw, chart.start, chart.end))?;
         let mut held = Vec::new();
@@ -56,21 +55,6 @@ impl Section {
         Ok(section)
     }
 
-    /// Returns the range of points that the section covers.
-    pub fn chart(&self) -> Range<Index> {
-        // This call cannot fail: the section is set up.
-        get!(PetscSectionGetChart(self.raw; start, end)).map_or(0..0, |(start, end)| start..end)
-    }
-
-    /// Returns the number of dofs of a point.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where the point is outside the chart.
-    pub fn dofs(&self, point: Index) -> Result<usize> {
-        let count: Index = get!(PetscSectionGetDof(self.raw, point))?;
-        Ok(count.unsigned_abs() as usize)
-    }
-
     /// Returns the position of a point's first dof in a local or global vector.
     ///
     /// In a global section, a point of another rank has -(position + 1).
@@ -79,11 +63,5 @@ impl Section {
     /// Returns [`crate::Error::Petsc`] where the point is outside the chart.
     pub fn offset(&self, point: Index) -> Result<Index> {
         get!(PetscSectionGetOffset(self.raw, point))
-    }
-
-    /// Returns the number of dofs of all points of this rank, including constrained ones.
-    pub fn size(&self) -> usize {
-        // This call cannot fail: the section is set up.
-        get!(PetscSectionGetStorageSize(self.raw)).unwrap_or_default() as usize
     }
 }

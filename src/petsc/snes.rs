@@ -4,10 +4,10 @@
 
 use super::bounded::bounded_solver;
 use super::callback::{Callback, CallbackSlot, Failure, guard, settle};
-use super::error::{c_string, call, get, int, text};
+use super::error::{c_string, call, get, text};
 use super::ksp::direct_defaults;
 use super::options::Prefix;
-use super::{Comm, Context, Ksp, Matrix, Reason, Vector, sys};
+use super::{Context, Matrix, Reason, Vector, sys};
 use crate::error::Result;
 use std::ffi::c_void;
 use std::rc::Rc;
@@ -18,7 +18,7 @@ bounded_solver! {
     /// Solver of f(x) = 0, or of the mixed complementarity problem between bounds l <= x <= u.
     Snes, SNES, Residual<'a>, set_jacobian,
     SNESCreate, SNESDestroy, SNESSetOptionsPrefix, SNESSetType, SNESSetJacobian, SNESVISetVariableBounds,
-    SNESSetFromOptions, SNESGetIterationNumber, SNESGetLinearSolveIterations, SNESGetKSP, SNESGetType
+    SNESSetFromOptions, SNESGetIterationNumber
 }
 
 impl<'a> Snes<'a> {
@@ -44,25 +44,6 @@ impl<'a> Snes<'a> {
         self.function.set(&self.context, &self.failure, Box::new(residual), |state| {
             call!(SNESSetFunction(raw, result.raw, Some(call_residual), state))
         })
-    }
-
-    /// Sets tolerances and the iteration limit. Collective.
-    ///
-    /// The tolerances are on the norm of f (absolute, and relative to its start) and on the step
-    /// relative to x. Options override them if [`Self::set_from_options`] comes later.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where one is negative or not a number.
-    pub fn set_tolerances(
-        &mut self,
-        absolute: f64,
-        relative: f64,
-        step: f64,
-        iterations: usize,
-    ) -> Result<()> {
-        // PETSc 3.18 lets a NaN pass.
-        super::refuse_nan(&[absolute, relative, step])?;
-        call!(SNESSetTolerances(self.raw, absolute, relative, step, int(iterations)?, -1))
     }
 
     /// Sets whether to take at least one iteration, even if the start meets the tolerances.

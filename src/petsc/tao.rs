@@ -4,10 +4,10 @@
 
 use super::bounded::bounded_solver;
 use super::callback::{Callback, CallbackSlot, Failure, guard, settle};
-use super::error::{c_string, call, get, int, text};
+use super::error::{c_string, call, get};
 use super::ksp::direct_defaults;
 use super::options::Prefix;
-use super::{Comm, Context, Ksp, Matrix, Reason, Vector, sys};
+use super::{Context, Matrix, Reason, Vector, sys};
 use crate::error::Result;
 use std::ffi::c_void;
 use std::rc::Rc;
@@ -18,7 +18,7 @@ bounded_solver! {
     /// Solver that minimises a function between bounds.
     Tao, Tao, Objective<'a>, set_hessian,
     TaoCreate, TaoDestroy, TaoSetOptionsPrefix, TaoSetType, TaoSetHessian, TaoSetVariableBounds,
-    TaoSetFromOptions, TaoGetIterationNumber, TaoGetLinearSolveIterations, TaoGetKSP, TaoGetType
+    TaoSetFromOptions, TaoGetIterationNumber
 }
 
 impl<'a> Tao<'a> {
@@ -52,26 +52,6 @@ impl<'a> Tao<'a> {
         self.function.set(&self.context, &self.failure, Box::new(objective), |state| {
             call!(TaoSetObjectiveAndGradient(raw, gradient.raw, Some(call_objective), state))
         })
-    }
-
-    /// Sets tolerances and the iteration limit. Collective.
-    ///
-    /// The tolerances are on the norm of the projected gradient: absolute, relative to the
-    /// function's value, relative to its start. Options override them if [`Self::set_from_options`]
-    /// comes later.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where one is not a number.
-    pub fn set_tolerances(
-        &mut self,
-        absolute: f64,
-        to_value: f64,
-        to_start: f64,
-        iterations: usize,
-    ) -> Result<()> {
-        super::refuse_nan(&[absolute, to_value, to_start])?;
-        call!(TaoSetTolerances(self.raw, absolute, to_value, to_start))?;
-        call!(TaoSetMaximumIterations(self.raw, int(iterations)?))
     }
 
     /// Solves from the start in `x`, which then holds the last iterate. Collective.

@@ -4,7 +4,7 @@
 
 use super::error::{call, get, int};
 use super::handle::handle;
-use super::{Comm, Context, Index, sys};
+use super::{Context, Index, sys};
 use crate::error::Result;
 use std::ops::Range;
 use std::rc::Rc;
@@ -19,22 +19,12 @@ impl Vector {
     ///
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn new(context: &Rc<Context>, comm: Comm, local: usize) -> Result<Self> {
-        let raw = get!(VecCreate(context.raw(comm)))?;
+    pub fn new(context: &Rc<Context>, local: usize) -> Result<Self> {
+        let raw = get!(VecCreate(context.raw()))?;
         let vector = Self::owning(raw, context);
         call!(VecSetSizes(raw, int(local)?, sys::PETSC_DETERMINE))?;
         call!(VecSetType(raw, c"standard".as_ptr()))?;
         vector.zeroed()
-    }
-
-    /// Creates a vector of which this rank owns the given entries. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn from_slice(context: &Rc<Context>, comm: Comm, local: &[f64]) -> Result<Self> {
-        let mut vector = Self::new(context, comm, local.len())?;
-        vector.set_local(local)?;
-        Ok(vector)
     }
 
     /// Creates a vector of zeros with the same layout. Collective.
@@ -49,12 +39,6 @@ impl Vector {
     pub(super) fn zeroed(mut self) -> Result<Self> {
         self.fill(0.0)?;
         Ok(self)
-    }
-
-    /// Returns the number of entries over all ranks.
-    pub fn size(&self) -> usize {
-        // This call cannot fail: the vector has sizes.
-        get!(VecGetSize(self.raw)).unwrap_or_default() as usize
     }
 
     /// Returns the number of entries that this rank owns.
@@ -128,14 +112,6 @@ impl Vector {
         call!(VecSet(self.raw, value))
     }
 
-    /// Copies a vector of the same layout. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where the layouts differ.
-    pub fn copy_from(&mut self, other: &Vector) -> Result<()> {
-        call!(VecCopy(other.raw, self.raw))
-    }
-
     /// Multiplies the vector by a factor. Collective.
     ///
     /// # Errors
@@ -158,30 +134,6 @@ impl Vector {
     /// Returns [`crate::Error::Petsc`] where the layouts differ.
     pub fn dot(&self, other: &Vector) -> Result<f64> {
         get!(VecDot(self.raw, other.raw))
-    }
-
-    /// Returns the Euclidean norm. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn norm(&self) -> Result<f64> {
-        get!(VecNorm(self.raw, sys::NormType::NORM_2))
-    }
-
-    /// Returns the largest magnitude of an entry. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn norm_infinity(&self) -> Result<f64> {
-        get!(VecNorm(self.raw, sys::NormType::NORM_INFINITY))
-    }
-
-    /// Returns the largest entry, or minus the largest f64 for an empty vector. Collective.
-    ///
-    /// # Errors
-    /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
-    pub fn all_reduce_max(&self) -> Result<f64> {
-        get!(VecMax(self.raw, std::ptr::null_mut()))
     }
 }
 

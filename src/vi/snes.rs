@@ -6,7 +6,7 @@
 
 use super::scaled::{Family, Method, RESIDUAL, Scaled};
 use crate::error::{Error, Result};
-use crate::petsc::{Comm, Context, Snes};
+use crate::petsc::{Context, Snes};
 use std::rc::Rc;
 
 /// PETSc's Newton methods for complementarity problems; see the [module page](self).
@@ -55,7 +55,7 @@ fn check_line_search(context: &Context, prefix: &str) -> Result<()> {
 }
 
 fn newton(context: &Rc<Context>, problem: &Rc<Scaled>, kind: &str, prefix: &str) -> Result<Method> {
-    let mut solver = Snes::new(context, Comm::World, prefix)?;
+    let mut solver = Snes::new(context, prefix)?;
     solver.default_to_cholesky()?;
     let (like, shared) = (problem.right.borrow().duplicate()?, problem.clone());
     solver.set_residual(&like, move |y, f| shared.gradient(y, f))?;

@@ -8,7 +8,7 @@
 
 use super::scaled::{Family, Method, RESIDUAL, Scaled, set_defaults};
 use crate::error::Result;
-use crate::petsc::{Comm, Context, Tao};
+use crate::petsc::{Context, Tao};
 use std::rc::Rc;
 
 /// PETSc's bound-constrained minimisers; see the [module page](self).
@@ -53,7 +53,7 @@ fn refusal(kind: &str) -> &'static str {
 }
 
 fn minimiser(context: &Rc<Context>, problem: &Rc<Scaled>, kind: &str, prefix: &str) -> Result<Method> {
-    let mut solver = Tao::new(context, Comm::World, prefix)?;
+    let mut solver = Tao::new(context, prefix)?;
     solver.set_type(kind)?;
     if ["bntr", "bntl"].contains(&kind) {
         // Both methods need a linear solver that respects a trust region.

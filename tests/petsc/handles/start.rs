@@ -3,7 +3,7 @@
 use crate::common::command::send;
 use crate::common::ranks::{Case, Failure, Success, case};
 use rebond::communicator::Communicator;
-use rebond::petsc::{Comm, Context, Ksp, Vector};
+use rebond::petsc::{Context, Ksp, Vector};
 use rebond::{Error, Result};
 use rustix::process::Signal;
 use std::time::Duration;
@@ -75,9 +75,9 @@ fn start_and_stop(arguments: &[String]) -> Result<()> {
     let second = Context::start(arguments);
     assert!(matches!(second, Err(Error::Petsc(text)) if text.contains("once")));
     // A handle keeps PETSc running.
-    let vector = Vector::new(&context, Comm::World, 3)?;
+    let vector = Vector::new(&context, 3)?;
     drop(context);
-    assert_eq!(vector.size(), 3 * vector.context().size());
+    assert_eq!(vector.range().start as usize, 3 * vector.context().rank());
     Ok(())
 }
 
@@ -94,7 +94,7 @@ fn unused_options(arguments: &[String]) -> Result<()> {
     context.default_option("ours_that_nothing_uses", "1")?;
     context.default_option("ksp_rtol", "0.5")?;
     assert_eq!(context.option("ours_that_nothing_uses")?.as_deref(), Some("1"));
-    let mut solver = Ksp::new(&context, Comm::World, "")?;
+    let mut solver = Ksp::new(&context, "")?;
     solver.set_from_options()?;
     assert_eq!(context.unused_options()?, ["ksp_typ"]);
     let error = context.refuse_unused_options().unwrap_err();
