@@ -90,6 +90,27 @@ impl NodeConstraint {
         }
     }
 
+    /// Sums the constraints of all processes at each node, given the sum of their values there.
+    /// Collective.
+    ///
+    /// An edge's support must also reach processes that have only a node of that edge.
+    ///
+    /// # Errors
+    /// Returns the errors of the sum.
+    pub fn add_up(holds: &mut [NodeConstraint], sum: impl Fn(&[f64]) -> Result<Vec<f64>>) -> Result<()> {
+        let parts: [fn(&mut NodeConstraint) -> &mut f64; 4] = [
+            |hold| &mut hold.deflection,
+            |hold| &mut hold.slopes[0],
+            |hold| &mut hold.slopes[1],
+            |hold| &mut hold.slopes[2],
+        ];
+        for part in parts {
+            let sums = sum(&holds.iter_mut().map(|hold| *part(hold)).collect::<Vec<_>>())?;
+            holds.iter_mut().zip(sums).for_each(|(hold, sum)| *part(hold) = sum);
+        }
+        Ok(())
+    }
+
     /// Returns whether anything is held.
     pub fn is_any(&self) -> bool {
         *self != NodeConstraint::default()

@@ -139,8 +139,9 @@ impl Part {
         let owns = |point: Index| owned[(point - start) as usize];
         let mesh = own_mesh(&plex, names, owns)?;
         let places = context.comm().all_ok(supports(&mesh))?;
-        let holds = spread_holds(&plex, &DofMap::holds(&mesh, &places))?;
+        let mut holds = DofMap::holds(&mesh, &places);
         let sums = |nodal: &[f64]| sum_at_nodes(&plex, nodal);
+        NodeConstraint::add_up(&mut holds, sums)?;
         let tips = tips.map_or(Ok(Vec::new()), |tips| tips(&mesh, &holds, &sums));
         let tips = context.comm().all_ok(tips)?;
         let mut tips_at = vec![0; holds.len()];
@@ -260,22 +261,4 @@ fn named(context: &Rc<Context>, whole: &Mesh, names: &Names) -> Result<Plex> {
         plex.label(POINT, value, &points)?;
     }
     Ok(plex)
-}
-
-/// Sums the constraints of all ranks at each node.
-///
-/// An edge's support must also reach ranks that have only a vertex of that edge.
-fn spread_holds(plex: &Plex, holds: &[NodeConstraint]) -> Result<Vec<NodeConstraint>> {
-    let sum = |part: &dyn Fn(&NodeConstraint) -> f64| {
-        sum_at_nodes(plex, &holds.iter().map(part).collect::<Vec<_>>())
-    };
-    let [deflection, xx, xy, yy] = [
-        sum(&|hold| hold.deflection)?,
-        sum(&|hold| hold.slopes[0])?,
-        sum(&|hold| hold.slopes[1])?,
-        sum(&|hold| hold.slopes[2])?,
-    ];
-    let hold =
-        |node: usize| NodeConstraint { deflection: deflection[node], slopes: [xx[node], xy[node], yy[node]] };
-    Ok((0..holds.len()).map(hold).collect())
 }

@@ -55,7 +55,7 @@ impl Spaces {
         let comm = partition.comm();
         let mut holds = comm.all_ok(holds(mesh, supports))?;
         for holds in &mut holds {
-            spread(holds, partition)?;
+            NodeConstraint::add_up(holds, |nodal| partition.sum_at_nodes(nodal))?;
         }
         let (centre, is_centre) = first_node(mesh, partition)?;
         let size = mesh.nodes.iter().fold(f64::MIN_POSITIVE, |size, node| size.max((node - centre).norm()));
@@ -93,25 +93,6 @@ fn holds(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<[Vec<NodeConstraint
         }
     }
     Ok(holds)
-}
-
-/// Sums the constraints of all processes at each node. Collective.
-fn spread<P: Partition>(holds: &mut [NodeConstraint], partition: &P) -> Result<()> {
-    if !P::DIVIDES {
-        return Ok(());
-    }
-    let parts: [fn(&mut NodeConstraint) -> &mut f64; 4] = [
-        |hold| &mut hold.deflection,
-        |hold| &mut hold.slopes[0],
-        |hold| &mut hold.slopes[1],
-        |hold| &mut hold.slopes[2],
-    ];
-    for part in parts {
-        let here: Vec<f64> = holds.iter_mut().map(|hold| *part(hold)).collect();
-        let sums = partition.sum_at_nodes(&here)?;
-        holds.iter_mut().zip(sums).for_each(|(hold, sum)| *part(hold) = sum);
-    }
-    Ok(())
 }
 
 /// Returns the place of the first node in the order of x and y, and whether each node of this
