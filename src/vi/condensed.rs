@@ -13,17 +13,17 @@
 
 mod pinned;
 
-use super::active_set::BoundStatus;
+use super::active_set::{self, BoundStatus};
 use super::laws::{self, YieldingProblem};
 use super::{Answer, DenseProblem, Problem, Solver};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::{Error, Result};
+use crate::hash;
 use crate::linalg::vectors::{clear, is_zero};
 use crate::linalg::{Engine, Factor, LinearCombination, estimate_factor_error};
 use crate::obstacle::Bounds;
 use faer::Mat;
-use std::hash::{DefaultHasher, Hash, Hasher};
 
 /// Number of candidates above which active dofs are pinned in the sparse matrix.
 pub const DENSE_LIMIT: usize = 512;
@@ -421,9 +421,7 @@ fn place(comm: &impl Communicator, candidates: &[usize]) -> usize {
 
 /// Returns an integer below 2^53 that tells apart the statuses and exchanges of unlike answers.
 fn fingerprint(sides: &[BoundStatus], exchanges: u32) -> f64 {
-    let mut hasher = DefaultHasher::new();
-    (sides, exchanges).hash(&mut hasher);
-    (hasher.finish() >> 11) as f64
+    (hash::extend(active_set::fingerprint(sides), exchanges.into()) >> 11) as f64
 }
 
 /// Sets an answer to the first rank's. Returns its number of exchanges. Collective.
