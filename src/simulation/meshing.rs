@@ -16,16 +16,22 @@ const PER_CELL: [u64; 2] = [2_400, 6_500];
 /// lists.
 const PER_CELL_ON_PETSC: [u64; 2] = [5_000, 12_000];
 
-/// Returns a lower bound of the memory of a run, in bytes, from the numbers of triangles and
-/// quadrangles: the set-up, and the sparsest possible factors, as many as `factors`. `across` is
-/// the number of rectangles along the shorter side of a grid.
-fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64, factors: usize) -> u64 {
+/// Returns a lower bound of the memory of a run on a share of its mesh, in bytes: the set-up, and
+/// the sparsest possible factors, as many as `factors`. `cells` are the numbers of triangles and
+/// quadrangles before refinement.
+fn least_memory(scene: &Scene, cells: [u64; 2], share: f64, factors: usize) -> u64 {
+    let pieces = 4_u64.saturating_pow(scene.mesh.refine) as f64;
+    let [triangles, quadrangles] = cells.map(|cells| (cells as f64 * pieces * share) as u64);
+    // Rectangles along the shorter side of a grid.
+    let [nx, ny] = scene.mesh.cells;
+    let across = if scene.file.is_some() { f64::INFINITY } else { nx.min(ny) as f64 };
+    let across = (across * (pieces * share).sqrt()).floor();
     let cells = triangles + quadrangles;
     let dofs = 3 * (triangles / 2 + quadrangles);
     let bytes = if scene.solver.engine == EngineName::Petsc { PER_CELL_ON_PETSC } else { PER_CELL };
     let set_up = bytes[0] * triangles + bytes[1] * quadrangles;
     // Entries per row of the factor, by minimum degree ordering and by banded ordering.
-    let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across as f64).max(9.0);
+    let row = (12.0 * (dofs.max(2) as f64).log2() - 85.0).min(3.0 * across).max(9.0);
     let factors = (8.0 * row * dofs as f64) as u64 * factors as u64;
     let velocities = match (scene.time.mass, scene.time.modes) {
         (Mass::Modal, Some(ModeRange::Count(count))) => count,
@@ -45,15 +51,7 @@ fn least_memory(scene: &Scene, [triangles, quadrangles]: [u64; 2], across: u64, 
 pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize, factors: usize) -> Result<()> {
     let grid = &scene.mesh;
     let pieces = 4_u64.saturating_pow(grid.refine);
-    let across = match &scene.file {
-        Some(_) => u64::MAX >> 8,
-        None => *grid.cells.iter().min().unwrap_or(&1) as u64,
-    };
-    let needed = |part: f64| {
-        let cells = cells.map(|cells| (cells as f64 * pieces as f64 * part) as u64);
-        let across = across as f64 * (pieces as f64 * part).sqrt();
-        least_memory(scene, cells, across.min(1e9) as u64, factors) / ranks as u64
-    };
+    let needed = |share: f64| least_memory(scene, cells, share, factors) / ranks as u64;
     let count = (cells[0] + cells[1]) * pieces;
     let what = match ranks {
         1 => format!("a run with {count} cells"),
@@ -75,12 +73,7 @@ pub(super) fn require_memory(scene: &Scene, cells: [u64; 2], ranks: usize, facto
 /// Returns the least memory of a run with factors on all of `ranks` processes, in bytes, and the
 /// memory left to them. `cells` are the numbers of triangles and quadrangles before refinement.
 pub(super) fn memory_with_factors(scene: &Scene, cells: [u64; 2], ranks: usize) -> Option<[u64; 2]> {
-    let pieces = 4_u64.saturating_pow(scene.mesh.refine);
-    let across = match &scene.file {
-        Some(_) => u64::MAX >> 8,
-        None => (*scene.mesh.cells.iter().min().unwrap_or(&1) as u64) << scene.mesh.refine,
-    };
-    let needed = least_memory(scene, cells.map(|count| count * pieces), across, scene.time.factors());
+    let needed = least_memory(scene, cells, 1.0, scene.time.factors());
     let room = memory::room(memory::processes_here())?;
     Some([needed, room.bytes.saturating_mul(ranks as u64)])
 }
