@@ -61,6 +61,37 @@ pub(crate) fn area(vertices: &[Point]) -> f64 {
     vertices.windows(2).skip(1).map(|v| (v[0] - vertices[0]).perp(&(v[1] - vertices[0]))).sum::<f64>() / 2.0
 }
 
+/// Segment with coordinates along and across it.
+#[derive(Clone, Copy)]
+pub(crate) struct Segment {
+    pub from: Point,
+    /// Unit vector along the segment; zero for a segment of one point.
+    pub along: Vector2<f64>,
+    /// Length, in m.
+    pub length: f64,
+}
+
+impl Segment {
+    /// Creates the segment between two points.
+    pub fn new([from, to]: [Point; 2]) -> Segment {
+        let side = to - from;
+        let length = side.norm();
+        Segment { from, along: if length > 0.0 { side / length } else { side }, length }
+    }
+
+    /// Returns a point's coordinate along the segment and its distance to the left of it, in m.
+    pub fn measure(&self, point: Point) -> [f64; 2] {
+        let arm = point - self.from;
+        [arm.dot(&self.along), self.along.perp(&arm)]
+    }
+
+    /// Returns the distance of a point, in m.
+    pub fn distance(&self, point: Point) -> f64 {
+        let [along, _] = self.measure(point);
+        (point - (self.from + self.along * along.clamp(0.0, self.length))).norm()
+    }
+}
+
 /// Formats points as `(0, 0), (1, 0), (0, 1)`.
 pub(crate) fn list(points: &[Point]) -> String {
     points.iter().map(|&point| place(point)).collect::<Vec<_>>().join(", ")

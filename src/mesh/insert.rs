@@ -10,7 +10,7 @@ use std::collections::{HashMap, HashSet};
 
 use super::{Cell, Grid, Mesh, Point};
 use crate::error::{Error, Result};
-use crate::geometry;
+use crate::geometry::{self, Segment};
 
 /// Distance up to which a node counts as at a point, relative to the size of the plate.
 pub(crate) const NEAR: f64 = 1e-6;
@@ -47,33 +47,6 @@ pub struct Made {
     pub at: Point,
     /// Previous position of a moved node, in m; `None` for a new one.
     pub moved_from: Option<Point>,
-}
-
-/// Segment with coordinates along and across it.
-#[derive(Clone, Copy)]
-struct Segment {
-    from: Point,
-    along: nalgebra::Vector2<f64>,
-    length: f64,
-}
-
-impl Segment {
-    fn new([from, to]: [Point; 2]) -> Segment {
-        let side = to - from;
-        let length = side.norm();
-        Segment { from, along: if length > 0.0 { side / length } else { side }, length }
-    }
-
-    /// Returns a point's coordinate along the segment and its distance to the left of it, in m.
-    fn measure(&self, point: Point) -> [f64; 2] {
-        let arm = point - self.from;
-        [arm.dot(&self.along), self.along.perp(&arm)]
-    }
-
-    fn distance(&self, point: Point) -> f64 {
-        let [along, _] = self.measure(point);
-        (point - (self.from + self.along * along.clamp(0.0, self.length))).norm()
-    }
 }
 
 /// Returns the distance from a place, in m, up to which a node counts as there.

@@ -139,6 +139,22 @@ impl Mesh {
         vertices[0] + moment / area
     }
 
+    /// Returns the mean of the corners of a cell, in m.
+    pub fn middle(&self, cell: usize) -> Point {
+        let vertices = self.vertices(cell);
+        vertices.iter().fold(Point::origin(), |sum, p| sum + p.coords) / vertices.len() as f64
+    }
+
+    /// Returns the length of the shortest side at each node, in m.
+    pub fn shortest_sides(&self) -> Vec<f64> {
+        let mut shortest = vec![f64::INFINITY; self.nodes.len()];
+        for [a, b] in self.cells.iter().flat_map(Cell::edges) {
+            let side = (self.nodes[b] - self.nodes[a]).norm();
+            [a, b].into_iter().for_each(|node| shortest[node] = shortest[node].min(side));
+        }
+        shortest
+    }
+
     /// Returns the first cell that contains a point, or `None` outside the mesh.
     pub fn locate(&self, point: Point) -> Option<usize> {
         self.cells_at(point).next()

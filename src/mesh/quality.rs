@@ -133,12 +133,7 @@ impl Mesh {
             nodes.dedup();
             nodes
         });
-        // Length of the shortest side at each node.
-        let mut shortest = vec![f64::INFINITY; self.nodes.len()];
-        for [a, b] in self.cells.iter().flat_map(Cell::edges) {
-            let side = (self.nodes[b] - self.nodes[a]).norm();
-            [a, b].into_iter().for_each(|node| shortest[node] = shortest[node].min(side));
-        }
+        let shortest = self.shortest_sides();
         let mut first = None;
         let (mut twins, mut farthest) = (HashSet::new(), 0.0_f64);
         for [a, b] in boundary {

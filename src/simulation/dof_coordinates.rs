@@ -68,11 +68,7 @@ impl DofCoordinates {
         for (stop, dof) in ground.tips() {
             put(Some(dof), mesh.nodes[stop.node].into(), PER_NODE + balls + stop.obstacle);
         }
-        let centre = |cell: usize| {
-            let vertices = mesh.vertices(cell);
-            let mean = |axis: usize| vertices.iter().map(|p| p[axis]).sum::<f64>() / vertices.len() as f64;
-            [mean(0), mean(1), 0.0]
-        };
+        let centre = |cell: usize| [mesh.middle(cell).x, mesh.middle(cell).y, 0.0];
         let velocities = match scene.time.mass {
             Mass::Singular => {
                 let masses = ground.terms.masses().map(|mass| [mass.point.x, mass.point.y, 1.0]);

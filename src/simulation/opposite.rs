@@ -3,6 +3,7 @@
 use super::meshing;
 use super::regions;
 use crate::error::Result;
+use crate::geometry::Segment;
 use crate::mesh::{Mesh, Point};
 use crate::scene::{Region, Scene};
 use std::collections::BTreeMap;
@@ -56,9 +57,6 @@ fn is_in(region: &Region, point: Point, mesh: Option<&Mesh>) -> Result<bool> {
 /// Returns whether a point lies on the straight line between two ends.
 fn is_on(ends: [[f64; 2]; 2], point: Point) -> bool {
     let [from, to] = ends.map(Point::from);
-    let side = to - from;
-    let share = (point - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE);
-    let nearest = from + side * share.clamp(0.0, 1.0);
     let scale = [from, to, point].iter().map(|point| point.coords.amax()).fold(0.0, f64::max);
-    (point - nearest).norm() <= NEAR * scale
+    Segment::new([from, to]).distance(point) <= NEAR * scale
 }

@@ -4,7 +4,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::Place;
 use crate::error::{Error, Result};
 use crate::field::Condition;
-use crate::geometry;
+use crate::geometry::{self, Segment};
 use crate::mesh::{self, Mesh, NEAR, Point};
 use crate::partition::Partition;
 use crate::scene::{Region, Scene, SupportKind, SupportLocation};
@@ -157,15 +157,10 @@ pub(super) fn nodes_of(
             Ok(nodes.filter(|&node| chosen[node] > 0.0).collect())
         }
         Region::Line([from, to]) => {
-            let (from, to) = (Point::from(*from), Point::from(*to));
-            let side = to - from;
-            let distance = |p: Point| {
-                let share =
-                    ((p - from).dot(&side) / side.norm_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
-                (p - (from + side * share)).norm()
-            };
+            let from = Point::from(*from);
+            let line = Segment::new([from, (*to).into()]);
             let near = comm.all_gather_one(mesh::nearness(&mesh.nodes, from)).into_iter().fold(0.0, f64::max);
-            let chosen: Vec<usize> = nodes.filter(|&node| distance(mesh.nodes[node]) <= near).collect();
+            let chosen: Vec<usize> = nodes.filter(|&node| line.distance(mesh.nodes[node]) <= near).collect();
             require(comm, !chosen.is_empty(), || format!("{key}.line: no node lies on it"))?;
             Ok(chosen)
         }
@@ -183,11 +178,7 @@ pub(super) fn cells_in(
     let mut chosen = vec![matches!(region, Region::All); mesh.cells.len()];
     match region {
         Region::Where(condition) => {
-            let inside = |cell: usize| {
-                let vertices = mesh.vertices(cell);
-                let sum = vertices.iter().fold(Point::origin(), |sum, p| sum + p.coords);
-                holds(condition, sum / vertices.len() as f64, key)
-            };
+            let inside = |cell: usize| holds(condition, mesh.middle(cell), key);
             chosen = comm.all_ok((0..mesh.cells.len()).map(inside).collect())?;
             require(comm, chosen.contains(&true), || {
                 format!("{key}.where: it holds at the centre of no cell")

@@ -53,16 +53,7 @@ fn doubt<P: Partition>(
     nodes: &[FrictionalNode],
     bounded: &[DeflectionDof],
 ) -> Option<String> {
-    let mesh = ground.mesh;
-    let mut length = vec![f64::INFINITY; mesh.nodes.len()];
-    for cell in &mesh.cells {
-        let corners = cell.nodes();
-        for (k, &from) in corners.iter().enumerate() {
-            let to = corners[(k + 1) % corners.len()];
-            let side = (mesh.nodes[to] - mesh.nodes[from]).norm();
-            [from, to].into_iter().for_each(|node| length[node] = length[node].min(side));
-        }
-    }
+    let length = ground.mesh.shortest_sides();
     let share = |node: &FrictionalNode| {
         let arms = node.sides.iter().flatten().map(|side| side.coefficient * side.arm);
         arms.fold(0.0, f64::max) / length[bounded[node.bound].node]
