@@ -314,13 +314,11 @@ impl<'a> Contents<'a> {
         if self.node_sets.is_empty() {
             return;
         }
-        let sides: HashSet<[usize; 2]> = mesh.cells.iter().flat_map(Cell::edges).collect();
-        let boundary = mesh.cells.iter().flat_map(Cell::edges).filter(|&[a, b]| !sides.contains(&[b, a]));
-        let boundary: Vec<[usize; 2]> = boundary.collect();
+        let border = mesh.border();
         for (name, nodes) in &self.node_sets {
             let members: BTreeSet<usize> = nodes.iter().filter_map(|&index| numbers[index]).collect();
             let is_within = |side: &&[usize; 2]| side.iter().all(|node| members.contains(node));
-            let edges: Vec<[usize; 2]> = boundary.iter().filter(is_within).copied().collect();
+            let edges: Vec<[usize; 2]> = border.iter().filter(is_within).copied().collect();
             let is_named = mesh.edges.contains_key(name) || mesh.groups.contains_key(name);
             if is_named || members.is_empty() {
                 continue;

@@ -20,7 +20,7 @@ mod rectangle;
 mod refine;
 mod rims;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 pub use contents::Import;
 pub use insert::{Made, Mark};
@@ -153,6 +153,12 @@ impl Mesh {
             [a, b].into_iter().for_each(|node| shortest[node] = shortest[node].min(side));
         }
         shortest
+    }
+
+    /// Returns the sides beyond which there is no cell, in the order of the cells.
+    pub fn border(&self) -> Vec<[usize; 2]> {
+        let sides: HashSet<[usize; 2]> = self.cells.iter().flat_map(Cell::edges).collect();
+        self.cells.iter().flat_map(Cell::edges).filter(|&[a, b]| !sides.contains(&[b, a])).collect()
     }
 
     /// Returns the first cell that contains a point, or `None` outside the mesh.

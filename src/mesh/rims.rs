@@ -38,12 +38,10 @@ impl Mesh {
 
     /// Returns the closed rims of the mesh, each as the sides of cells in their order.
     fn rims(&self) -> Vec<Vec<[usize; 2]>> {
-        let mut sides: Vec<[usize; 2]> = self.cells.iter().flat_map(|cell| cell.edges()).collect();
-        let key = |&[a, b]: &[usize; 2]| [a.min(b), a.max(b)];
-        sides.sort_unstable_by_key(key);
-        let borders = sides.chunk_by(|a, b| key(a) == key(b)).filter(|equal| equal.len() == 1);
+        let mut border = self.border();
+        border.sort_unstable_by_key(|&[a, b]| [a.min(b), a.max(b)]);
         let mut next: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
-        borders.flatten().for_each(|&[a, b]| next.entry(a).or_default().push(b));
+        border.into_iter().for_each(|[a, b]| next.entry(a).or_default().push(b));
         let mut rims = Vec::new();
         while let Some((&first, _)) = next.first_key_value() {
             let (mut rim, mut node) = (Vec::new(), first);

@@ -12,7 +12,6 @@ use crate::output::text::engineering;
 use crate::plate::Sections;
 use crate::scene::{Mass, Region, Scene, Support, SupportKind, SupportLocation};
 use crate::simulation;
-use std::collections::HashMap;
 
 /// Number of nodes from which a mesh shows a washer.
 const WASHER: usize = 5;
@@ -109,15 +108,8 @@ fn joints(mesh: &Mesh) -> Option<String> {
 
 /// Returns the nodes around which the cells do not all hang together by their sides.
 fn joining_nodes(mesh: &Mesh) -> Vec<usize> {
-    let mut sides = HashMap::<[usize; 2], usize>::new();
-    for side in mesh.cells.iter().flat_map(|cell| cell.edges()) {
-        let [a, b] = side;
-        *sides.entry([a.min(b), a.max(b)]).or_default() += 1;
-    }
     let mut free_sides = vec![0; mesh.nodes.len()];
-    for (side, _) in sides.into_iter().filter(|(_, cells)| *cells == 1) {
-        side.iter().for_each(|&node| free_sides[node] += 1);
-    }
+    mesh.border().as_flattened().iter().for_each(|&node| free_sides[node] += 1);
     // A row of cells around a node has two free sides, at its ends. Every further row meets it by
     // the node alone.
     (0..mesh.nodes.len()).filter(|&node| free_sides[node] > 2).collect()
