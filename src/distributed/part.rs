@@ -5,7 +5,6 @@ use super::own_mesh::{EDGE, GROUP, Names, POINT, own_mesh, section, sum_at_nodes
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, Place, Support};
 use crate::error::{Error, Result};
-use crate::geometry;
 use crate::mesh::{Cell, Grid, Mesh, Point};
 use crate::petsc::{Context, Index, Plex, Refinement, WorldComm};
 use std::rc::Rc;
@@ -176,16 +175,7 @@ impl Part {
 fn extra_cells(comm: &WorldComm, mesh: &Mesh, points: &[(String, Point)]) -> Result<Vec<(usize, usize)>> {
     let mut mine = Vec::new();
     for (number, (name, point)) in points.iter().enumerate() {
-        let cell = mesh.locate(*point);
-        match comm.all_gather_one(cell.is_some()).iter().position(|&here| here) {
-            Some(first) => mine.extend(cell.filter(|_| first == comm.rank()).map(|cell| (cell, number))),
-            None => {
-                return Err(Error::Mesh(format!(
-                    "{name}: the point {} lies outside the plate",
-                    geometry::place(*point)
-                )));
-            }
-        }
+        mine.extend(mesh.locate_once(comm, name, *point)?.map(|cell| (cell, number)));
     }
     mine.sort_unstable();
     Ok(mine)

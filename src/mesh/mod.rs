@@ -32,6 +32,7 @@ pub use rectangle::{Diagonal, Grid};
 pub use crate::element::ElementKind;
 pub use crate::geometry::Point;
 
+use crate::communicator::Communicator;
 use crate::element::{AnyElement, CellShape, ElementByShape};
 use crate::error::{Error, Result};
 use crate::geometry;
@@ -164,6 +165,20 @@ impl Mesh {
     /// Returns the first cell that contains a point, or `None` outside the mesh.
     pub fn locate(&self, point: Point) -> Option<usize> {
         self.cells_at(point).next()
+    }
+
+    /// Returns the cell of a point on the first process whose mesh contains it; `None` on the
+    /// others. Collective.
+    ///
+    /// # Errors
+    /// Returns [`Error::Mesh`], with the key of the point, where no mesh contains it.
+    pub fn locate_once(&self, comm: &impl Communicator, key: &str, point: Point) -> Result<Option<usize>> {
+        let cell = self.locate(point);
+        let Some(first) = comm.all_gather_one(cell.is_some()).iter().position(|&here| here) else {
+            let place = geometry::place(point);
+            return Err(Error::Mesh(format!("{key}: the point {place} lies outside the plate")));
+        };
+        Ok(cell.filter(|_| first == comm.rank()))
     }
 
     /// Returns the cells that contain a point, their boundaries included.

@@ -5,8 +5,7 @@ use crate::assembly::{self, CellArrays, Pressure, Probe};
 use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, NodeConstraint, PER_NODE};
 use crate::element::adaptive::Rules;
-use crate::error::{Error, Result};
-use crate::geometry;
+use crate::error::Result;
 use crate::mesh::{Mesh, Point};
 use crate::partition::Partition;
 use crate::scene::{self, FieldInput, Scene};
@@ -58,19 +57,9 @@ impl<P: Partition> BuildContext<'_, P> {
     /// Collective.
     pub(super) fn spot(&self, key: &str, [x, y]: [f64; 2]) -> Result<Option<PointEvaluation>> {
         let point = Point::new(x, y);
-        let here = self.mesh.locate(point).is_some();
-        let ranks = self.comm().all_gather_one(here);
-        match ranks.iter().position(|&here| here) {
-            Some(first) if first == self.comm().rank() => {
-                let of_shape = Probe::of_shape(self.mesh, point)?;
-                Ok(Some(PointEvaluation { free: of_shape.within(self.space), of_shape }))
-            }
-            Some(_) => Ok(None),
-            None => Err(Error::Mesh(format!(
-                "{key}: the point {} lies outside the plate",
-                geometry::place([x, y])
-            ))),
-        }
+        let Some(cell) = self.mesh.locate_once(self.comm(), key, point)? else { return Ok(None) };
+        let of_shape = Probe::in_cell(self.mesh, cell, point, |basis| basis.value)?;
+        Ok(Some(PointEvaluation { free: of_shape.within(self.space), of_shape }))
     }
 
     /// Returns a spring (N/m) or a mass (kg) at a point of the plate, on the one process that
