@@ -122,10 +122,9 @@ impl DeflectionWatch {
 
     /// Returns the largest deflection of all processes so far. Collective.
     pub fn largest(&self, comm: &impl Communicator) -> Option<LargestDeflection> {
-        let numbers =
-            |largest: &LargestDeflection| [largest.value, largest.time, largest.at[0], largest.at[1]];
+        let numbers = |largest: &LargestDeflection| (largest.value, largest.time, largest.at);
         let gathered = comm.all_gather(&self.largest.iter().map(numbers).collect::<Vec<_>>());
-        let largest = |[value, time, x, y]: [f64; 4]| LargestDeflection { value, time, at: [x, y] };
+        let largest = |(value, time, place)| LargestDeflection { value, time, at: place };
         let each = gathered.into_iter().map(largest);
         each.reduce(|best, other| if other.precedes(&best) { other } else { best })
     }

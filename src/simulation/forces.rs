@@ -13,7 +13,6 @@ use crate::linalg::Engine;
 use crate::scene::{Obstacle, Scene};
 use crate::scheme::{Event, Scheme, Solution};
 use serde::{Deserialize, Serialize};
-use std::cmp::Ordering;
 use std::collections::BTreeMap;
 
 /// Force and impulse of an obstacle, step by step.
@@ -284,19 +283,13 @@ impl ForceRecorder {
     pub fn at_nodes<E: Engine>(&self, model: &Model<E>) -> Result<Option<Vec<NodeReaction>>> {
         let Some(reactions) = &model.reactions else { return Ok(None) };
         let part = reactions.distribution(&self.at_nodes)?;
-        let numbers = |(support, [x, y], [force, mx, my]): (usize, [f64; 2], Wrench)| {
-            [support as f64, x, y, force, mx, my]
-        };
-        let part: Vec<[f64; 6]> = part.into_iter().map(numbers).collect();
         let mut rows = model.system.engine.comm().all_gather(&part);
-        rows.sort_by(|a, b| {
-            a[..3].iter().zip(&b[..3]).fold(Ordering::Equal, |so_far, (a, b)| so_far.then(a.total_cmp(b)))
-        });
-        let row = |[support, x, y, force, mx, my]: [f64; 6]| NodeReaction {
-            support: support as usize,
-            at: [x, y],
+        rows.sort_by(|(a, p, _), (b, q, _)| a.cmp(b).then(p[0].total_cmp(&q[0])).then(p[1].total_cmp(&q[1])));
+        let row = |(support, place, [force, x, y]): (usize, [f64; 2], Wrench)| NodeReaction {
+            support,
+            at: place,
             force,
-            moments: [mx, my],
+            moments: [x, y],
         };
         Ok(Some(rows.into_iter().map(row).collect()))
     }
