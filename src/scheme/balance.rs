@@ -90,11 +90,7 @@ impl StepBalance {
 
     /// Creates the balance of a state at rest at the start.
     pub(super) fn at_start<E: Engine>(system: &System<E>, start: &State) -> Result<StepBalance> {
-        let mut balance = StepBalance::zero(system);
-        balance.displacement.copy_from_slice(&start.u);
-        balance.follow(system, [1.0; 2], 0.0, &start.u);
-        balance.loads.push((0.0, 1.0));
-        balance.places.copy_from_slice(&start.instant.places);
+        let mut balance = StepBalance::at_rest(system, &start.u)?;
         balance.support_rates = system.drive.rates(0.0)?;
         Ok(balance)
     }
