@@ -74,9 +74,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let mean = ModalData::between(&now.data, &ends, 2.0 * beta);
         self.modes.add_shapes(&place, &mut result.displacement);
         self.loads.add_response(&mean, &mut result.displacement);
-        for (k, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            axpy(*r, &self.model.flexibility[k], &mut result.displacement);
-        }
+        self.model.add_response(reaction, &mut result.displacement);
         result.loads = parameters.times(self.record.step);
         result.places = mean.places;
         result.support_rates.clone_from(&now.frame_rates);
@@ -120,9 +118,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         }
         self.modes.add_shapes(&pull, &mut result.displacement);
         self.loads.add_response(mean, &mut result.displacement);
-        for (k, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            axpy(*r, &self.model.flexibility[k], &mut result.displacement);
-        }
+        self.model.add_response(&reaction, &mut result.displacement);
         Ok(result)
     }
 }

@@ -5,6 +5,7 @@ use super::limits::Limits;
 use crate::contact_law::{Laws, RIGID};
 use crate::error::Result;
 use crate::linalg::Engine;
+use crate::linalg::vectors::axpy;
 use crate::scheme::exact::reduction::remains;
 use crate::scheme::massless::contact_compliance::ContactCompliance;
 use crate::scheme::massless::modal_saddle_point::ModalSaddlePoint;
@@ -69,6 +70,13 @@ impl ContactModel {
     ) -> ComplianceProblem<'a> {
         let (compliance, laws) = (&self.compliance, Some(&self.laws));
         ComplianceProblem { compliance, free, lower, upper, laws, softness: &[] }
+    }
+
+    /// Adds the displacement (m) of the rest under reactions of the candidates (N).
+    pub fn add_response(&self, reaction: &[f64], u: &mut [f64]) {
+        for (column, r) in self.flexibility.iter().zip(reaction).filter(|(_, r)| **r != 0.0) {
+            axpy(*r, column, u);
+        }
     }
 
     /// Adds candidates, ascending numbers of bounds, given the limits at rest of all bounds and the

@@ -103,14 +103,14 @@ impl RelaxedStep for ContactStep<'_> {
 }
 
 impl<E: Engine> ModalScheme<'_, E> {
-    /// Relaxes a step in contact so that it keeps the energy. Returns gamma and the work of the
-    /// obstacles over the whole step (J); `None` if no gamma in range does, unless this is the last
-    /// trial.
+    /// Relaxes a step in contact so that it keeps the energy, and sets the present state to it.
+    /// Returns gamma and the work of the obstacles over the whole step (J); `None` if no gamma in
+    /// range does, unless this is the last trial.
     pub(super) fn keep_energy(
         &mut self,
         next: Option<&Rc<ModalData>>,
         seconds: f64,
-        exchanged: [f64; 2],
+        [received, dissipated]: [f64; 2],
         is_last: bool,
     ) -> Result<Option<(f64, f64)>> {
         let (now, before) = (&self.now, &self.before);
@@ -119,19 +119,6 @@ impl<E: Engine> ModalScheme<'_, E> {
         waxpy(-1.0, &before.v, &now.v, dv);
         dy.resize(now.y.len(), 0.0);
         waxpy(-1.0, &before.y, &now.y, dy);
-        self.relax(next, seconds, exchanged, is_last)
-    }
-
-    /// Finds the step length that keeps the energy, and sets the present state to it. Returns gamma
-    /// and the work of the obstacles over the whole step (J); `None` if no gamma in range does,
-    /// unless this is the last trial.
-    fn relax(
-        &mut self,
-        next: Option<&Rc<ModalData>>,
-        seconds: f64,
-        [received, dissipated]: [f64; 2],
-        is_last: bool,
-    ) -> Result<Option<(f64, f64)>> {
         let obstacles = next.map_or(0.0, |next| self.obstacle_work(next));
         let (energy, size) = self.excess(received + obstacles - dissipated);
         let State { reaction, x, y, .. } = &self.before;

@@ -167,9 +167,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         let mut u = vec![0.0; self.system.engine.dofs()];
         self.modes.add_shapes(q, &mut u);
         self.loads.add_response(data, &mut u);
-        for (i, r) in reaction.iter().enumerate().filter(|(_, r)| **r != 0.0) {
-            axpy(*r, &self.model.flexibility[i], &mut u);
-        }
+        self.model.add_response(reaction, &mut u);
         if *is_settled {
             self.model.own.iter().for_each(|&(k, i)| u[self.system.bounds.dofs[i]] = x[k]);
         }
