@@ -31,12 +31,15 @@ pub use recovery::{Recovery, vertex_weights};
 pub use sites::{RecoverySite, sum_over_ranks};
 
 use crate::dof_map::{DofMap, PER_NODE};
-use crate::element::adaptive::Triangle;
+use crate::element::AnyElement;
+use crate::element::adaptive::{Rules, Triangle};
+use crate::element::quadrature::{self, Rule};
 use crate::error::Result;
 use crate::linalg::vectors::{axpy, dot};
 use crate::linalg::{Bending, CellClass, ElementMatrix, SingularMassCell};
 use crate::mesh::{Mesh, Point};
 use crate::plate::Sections;
+use std::cell::RefCell;
 use std::collections::HashMap;
 use std::rc::Rc;
 
@@ -165,6 +168,29 @@ pub fn stiffness(cells: &[CellArrays]) -> Vec<ElementMatrix> {
 /// Returns the cells' contributions to the consistent mass M_r.
 pub fn consistent_mass(cells: &[CellArrays]) -> Vec<ElementMatrix> {
     cells.iter().map(|cell| cell.block(&cell.local.mass, None)).collect()
+}
+
+/// Returns the matrices of all cells, given a value at points of cells, quadrature rules of some
+/// cells, and the matrix of a cell by its rule and its values.
+fn by_values<V: Default>(
+    mesh: &Mesh,
+    value: &dyn Fn(usize, Point) -> Result<V>,
+    rules: &Rules,
+    matrix: impl Fn(&AnyElement, Rule, &dyn Fn(Point) -> V) -> Rc<[f64]>,
+) -> Result<Vec<CellMatrix>> {
+    let fault = RefCell::new(None);
+    let of_cell = |number: usize| -> Result<CellMatrix> {
+        let value = |point: Point| {
+            value(number, point).unwrap_or_else(|error| {
+                fault.replace(Some(error));
+                V::default()
+            })
+        };
+        let rule = rules.get(&number).map_or((&quadrature::DEGREE_6).into(), |rule| Rule::Own(rule));
+        Ok((number, matrix(&mesh.element(number)?, rule, &value)))
+    };
+    let matrices = (0..mesh.cells.len()).map(of_cell).collect::<Result<_>>()?;
+    fault.take().map_or(Ok(matrices), Err)
 }
 
 /// Returns the rows of B and the entries of C of the singular mass.
