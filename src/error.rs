@@ -167,6 +167,24 @@ impl Error {
 /// Result with the crate's error type.
 pub type Result<T> = std::result::Result<T, Error>;
 
+/// Limit on the characters of a user's string that a message repeats.
+const LONGEST_QUOTE: usize = 60;
+
+/// Shortens a long string of the input for a message.
+pub(crate) fn cut(text: &str) -> String {
+    match text.char_indices().nth(LONGEST_QUOTE) {
+        Some((end, _)) => format!("{}...", &text[..end]),
+        None => text.to_owned(),
+    }
+}
+
+/// Creates the error at a place of the input, with control characters escaped so that it stays on
+/// one line.
+pub(crate) fn error_at(place: &str, wrong: &str) -> Error {
+    let escape = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
+    Error::Scene(format!("{place}: {wrong}").chars().map(escape).collect())
+}
+
 /// Returns a hint with the valid name that was probably meant, or an empty string.
 pub(crate) fn suggestion(wrong: &str, valid: &[&str]) -> String {
     let alike = |name: &&&str| strsim::jaro_winkler(wrong, name);

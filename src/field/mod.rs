@@ -56,6 +56,7 @@ use std::ops::Range;
 
 use serde::{Serialize, Serializer};
 
+use crate::error::cut;
 use crate::geometry::Point;
 pub use breaks::{Break, Breaks, MOST_LOOKS};
 use code::{Binary, Instruction, LANES, Lanes, Number, Stack, Unary};
@@ -74,9 +75,6 @@ pub use table::{Interpolation, Overshoot, Table};
 /// Deflection w (m) of a plate for which none is given.
 const FLAT: f64 = 0.0;
 
-/// Length from which a quotation of the formula in a message is cut, in characters.
-const LONGEST_QUOTE: usize = 60;
-
 /// Error in a formula, with its position.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("column {column}: {wrong}")]
@@ -90,14 +88,6 @@ pub struct ParseError {
 impl ParseError {
     fn new(text: &str, offset: usize, wrong: impl Into<String>) -> ParseError {
         ParseError { column: text[..offset].chars().count() + 1, wrong: wrong.into() }
-    }
-}
-
-/// Returns a quotation of a piece of a formula, cut where it is long.
-fn cut(text: &str) -> String {
-    match text.char_indices().nth(LONGEST_QUOTE) {
-        Some((end, _)) => format!("{}...", &text[..end]),
-        None => text.to_owned(),
     }
 }
 

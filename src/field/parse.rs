@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
+use super::ParseError;
 use super::code::{Binary, Instruction, Unary};
 use super::names::{Name, Names};
 use super::parameters::Parameters;
-use super::{ParseError, cut};
-use crate::error::suggestion;
+use crate::error::{cut, suggestion};
 
 /// Largest length of a formula, in bytes.
 const LONGEST: usize = 1 << 16;

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 
-use super::{Derivatives, cut};
-use crate::error::{Error, Result};
+use super::Derivatives;
+use crate::error::{Result, cut, error_at};
+use crate::geometry::range;
 use crate::input;
 
 /// Interpolation between the rows of a table.
@@ -39,11 +40,7 @@ impl Table {
     ///
     /// At least two rows are needed. An error names the line of `file`.
     pub fn from_csv(text: &str, file: &str, interpolation: Interpolation) -> Result<Table> {
-        let fault = |line: usize, wrong: String| {
-            let escape =
-                |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
-            Error::Scene(format!("{file}:{line}: {wrong}").chars().map(escape).collect())
-        };
+        let fault = |line: usize, wrong: String| error_at(&format!("{file}:{line}"), &wrong);
         let (mut times, mut values, mut lines) = (Vec::new(), Vec::new(), Vec::<usize>::new());
         let mut has_begun = false;
         for (index, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
@@ -126,8 +123,7 @@ impl Table {
     /// Returns the largest overshoot of the curve beyond all row values; `None` where it stays
     /// within.
     pub fn overshoot(&self) -> Option<Overshoot> {
-        let (low, high) =
-            self.values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let [low, high] = range(self.values.iter().copied());
         let mut worst: Option<Overshoot> = None;
         for ([_, b, c, d], ends) in self.pieces.iter().zip(self.times.windows(2)) {
             // Zeros of b + 2 c s + 3 d s^2.

@@ -9,15 +9,12 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::words::EngineName;
-use crate::error::{Error, Result, suggestion};
+use crate::error::{Error, Result, cut, error_at, suggestion};
 use crate::field::Parameters;
 use crate::mesh::{Mesh, Point};
 
 /// Limit on the parts of an override's key, more than any key of a scene has.
 const DEEPEST_KEY: usize = 8;
-
-/// Limit on the characters of a user's string that a message repeats.
-const LONGEST_QUOTE: usize = 60;
 
 /// Parsed TOML text of a scene, before its keys are read.
 pub(super) struct Document<'a> {
@@ -325,14 +322,6 @@ impl Display for Value {
     }
 }
 
-/// Shortens a long string.
-pub(super) fn cut(text: &str) -> String {
-    match text.char_indices().nth(LONGEST_QUOTE) {
-        Some((end, _)) => format!("{}...", &text[..end]),
-        None => text.to_owned(),
-    }
-}
-
 /// Quotes a string, shortened if it is long.
 pub(super) fn quote(text: &str) -> String {
     format!("{:?}", cut(text))
@@ -459,10 +448,4 @@ fn position(file: &str, text: &[u8], offset: usize) -> String {
     let is_first_byte = |byte: &&u8| **byte & 0xc0 != 0x80;
     let column = before[line_start..].iter().filter(is_first_byte).count() + 1;
     format!("{file}:{line}:{column}")
-}
-
-/// Creates the error, with control characters escaped so that it stays on one line.
-fn error_at(place: &str, wrong: &str) -> Error {
-    let escape = |c: char| if c.is_control() { c.escape_default().to_string() } else { c.to_string() };
-    Error::Scene(format!("{place}: {wrong}").chars().map(escape).collect())
 }

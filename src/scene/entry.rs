@@ -6,8 +6,8 @@
 
 #![allow(clippy::type_complexity)]
 
-use super::document::{self, Document, Node, cut, join};
-use crate::error::{Result, suggestion};
+use super::document::{self, Document, Node, join};
+use crate::error::{Result, cut, suggestion};
 use serde_json::{Map, Value, json};
 use std::rc::Rc;
 
