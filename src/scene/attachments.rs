@@ -169,11 +169,11 @@ const SEGMENT: &str = "expected [[x, y], [x, y]] in m, or edge = \"...\"";
 
 /// Returns the path of a rib, whose line has two ends on the plate.
 fn path(keys: PathKeys, doc: &Document, table: &str) -> Result<RibPath> {
-    let (line, edge) = (join(table, "line"), join(table, "edge"));
+    doc.only_one(table, &["line", "edge"])?;
     if let Some(name) = keys.edge {
-        doc.forbid(&line, format!("contradicts {edge}; expected only one of line, edge"))?;
         return Ok(RibPath::Edge(name));
     }
+    let line = join(table, "line");
     let [from, to] = keys.line.ok_or_else(|| doc.missing(&line, SEGMENT))?;
     on_plate(doc, &join(&line, "0"), from)?;
     on_plate(doc, &join(&line, "1"), to)?;

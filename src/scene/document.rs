@@ -164,6 +164,16 @@ impl<'a> Document<'a> {
         if is_gone { Ok(()) } else { self.forbid(key, wrong) }
     }
 
+    /// Refuses more than one of some keys of a table.
+    pub fn only_one(&self, table: &str, names: &[&str]) -> Result<()> {
+        let mut given = names.iter().filter(|name| self.get(&join(table, name)).is_some());
+        if let (Some(first), Some(second)) = (given.next(), given.next()) {
+            let wrong = format!("contradicts {table}.{second}; expected only one of {}", names.join(", "));
+            return Err(self.fault(&join(table, first), wrong));
+        }
+        Ok(())
+    }
+
     /// Creates the error for a missing key.
     pub fn missing(&self, key: &str, expected: impl Display) -> Error {
         self.fault(key, format!("missing; {expected}"))

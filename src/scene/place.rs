@@ -52,7 +52,7 @@ pub(super) fn located(keys: PlaceKeys, doc: &Document, table: &str) -> Result<([
         let point = doc.required(&at_key, &coordinates())?;
         return on_plate(doc, &at_key, point).map(|()| (point, None));
     };
-    doc.forbid(&at_key, format!("contradicts {key}; expected only one of at, point"))?;
+    doc.only_one(table, &["at", "point"])?;
     let points = match doc.points.get() {
         Some(points) => points,
         None => {
@@ -133,11 +133,7 @@ pub(super) fn cells() -> Entry<Region> {
 
 /// Returns the region that one of the keys `names` gives, or the whole plate without any.
 pub(super) fn region(keys: SiteKeys, doc: &Document, table: &str, names: Vec<&str>) -> Result<Region> {
-    let mut given = names.iter().filter(|name| doc.get(&join(table, name)).is_some());
-    if let (Some(first), Some(second)) = (given.next(), given.next()) {
-        let wrong = format!("contradicts {table}.{second}; expected only one of {}", names.join(", "));
-        return Err(doc.fault(&join(table, first), wrong));
-    }
+    doc.only_one(table, &names)?;
     let SiteKeys { cells: CellKeys { part, group }, at: node, point, line } = keys;
     let named = part.map(Region::Where).or(group.map(Region::Group)).or(node.map(Region::At));
     Ok(named.or(point.map(Region::Point)).or(line.map(Region::Line)).unwrap_or(Region::All))

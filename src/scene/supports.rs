@@ -119,12 +119,7 @@ fn edge() -> Kind<String> {
 
 fn location(keys: LocationKeys, doc: &Document, table: &str) -> Result<SupportLocation> {
     let key = |name: &str| join(table, name);
-    let given = |name: &&str| doc.get(&key(name)).is_some();
-    let mut named = ["edge", "at", "point"].into_iter().filter(given);
-    if let (Some(first), Some(second)) = (named.next(), named.next()) {
-        let wrong = format!("contradicts {table}.{second}; expected only one of edge, at, point");
-        return Err(doc.fault(&key(first), wrong));
-    }
+    doc.only_one(table, &["edge", "at", "point"])?;
     let LocationKeys { edge, part, at: node, point, radius } = keys;
     if edge.is_none() {
         doc.forbid(&key("where"), "has no use without edge, of which it takes a part")?;
