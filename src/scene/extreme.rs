@@ -1,6 +1,7 @@
 //! Numbers of a scene that are far from the size of all others.
 
 use super::Scene;
+use super::document::join;
 use crate::error::Error;
 use serde_json::Value;
 
@@ -30,7 +31,6 @@ impl Scene {
 
 /// Returns key and value of the number farthest from 1, if one is far.
 fn farthest(value: &Value, key: &str) -> Option<(String, f64)> {
-    let inside = |name: &str| if key.is_empty() { name.to_owned() } else { format!("{key}.{name}") };
     let distance = |number: f64| number.abs().ln().abs();
     let longer = |a: &(String, f64), b: &(String, f64)| distance(a.1).total_cmp(&distance(b.1));
     match value {
@@ -40,10 +40,10 @@ fn farthest(value: &Value, key: &str) -> Option<(String, f64)> {
         }
         Value::Array(items) => {
             let items = items.iter().enumerate();
-            items.filter_map(|(i, item)| farthest(item, &inside(&i.to_string()))).max_by(longer)
+            items.filter_map(|(i, item)| farthest(item, &join(key, &i.to_string()))).max_by(longer)
         }
         Value::Object(entries) => {
-            entries.iter().filter_map(|(name, entry)| farthest(entry, &inside(name))).max_by(longer)
+            entries.iter().filter_map(|(name, entry)| farthest(entry, &join(key, name))).max_by(longer)
         }
         _ => None,
     }

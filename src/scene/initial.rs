@@ -88,8 +88,7 @@ fn alone(initial: Initial, doc: &Document, table: &str) -> Result<Initial> {
             let wrong = "contradicts initial.from: the other run gives deflection and velocity";
             doc.forbid_with("initial.from", &join(table, name), wrong)?;
         }
-        let [static_pressure, deflection, velocity] = ["static_pressure", "deflection", "velocity"].map(zero);
-        return Ok(Initial { static_pressure, equilibrium: false, deflection, velocity, ..initial });
+        return Ok(Initial { from: initial.from, ..Initial::flat() });
     }
     Ok(initial)
 }
