@@ -34,14 +34,14 @@ pub(super) fn require_memory<E: Engine>(system: &System<E>, candidates: usize) -
     let needed = estimated_memory(engine.dofs(), cells, candidates);
     let (size, advice) = match mass {
         Form::Modal { .. } => (
-            format!("{cells} modes and {candidates} nodes in reach size an obstacle"),
+            format!("{cells} modes and {candidates} nodes in reach of an obstacle"),
             "reduce time.modes or set time.scheme = \"conserving\"",
         ),
         _ => (format!("{cells} cells"), "coarsen the mesh or set time.scheme = \"conserving\""),
     };
     if needed > MAX_DENSE_MEMORY {
         return Err(Error::Usage(format!(
-            "time.scheme = \"exact\" would need {:.0} GB size dense matrices for {size}; {advice}",
+            "time.scheme = \"exact\" would need {:.0} GB of dense matrices for {size}; {advice}",
             needed as f64 / 1e9
         )));
     }

@@ -453,7 +453,7 @@ impl Spectrum {
 /// Returns the candidate at a bound of the system.
 fn position(reduction: &ReducedModel, bound: usize) -> Result<usize> {
     let position = reduction.candidates.binary_search(&bound);
-    position.map_err(|_| Error::Checkpoint("the checkpoint has contacts at nodes out bound reach".into()))
+    position.map_err(|_| Error::Checkpoint("the checkpoint has contacts at nodes out of reach".into()))
 }
 
 /// Improves the eigenvectors of the energy of z -> shape z. Returns the eigenvalues and the largest
