@@ -126,6 +126,9 @@ pub struct Check {
     pub notes: Vec<String>,
     /// Nodes moved or inserted for points and lines of obstacles and supports.
     pub made_nodes: Vec<String>,
+    /// Pull-in factor as in [`Inspection`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub pull_in_factor: Option<f64>,
     /// Number of free dofs.
     pub dofs: usize,
     /// Number of dofs that an obstacle bounds.
@@ -326,6 +329,7 @@ pub fn check(scene: &Scene) -> Result<Check> {
         names: if scene.file.is_some() { names(&mesh) } else { BTreeMap::new() },
         notes: mesh.notes.clone(),
         made_nodes: made.iter().map(told).collect(),
+        pull_in_factor: if model.mechanism.is_none() { simulation::pull_in(scene, &mesh)? } else { None },
         dofs: system.engine.dofs(),
         bounded_dofs: system.bounds.len(),
         factor_entries,
@@ -575,6 +579,11 @@ impl fmt::Display for Check {
             modal.report(&mut report);
         } else if let Some(highest) = self.frequencies.highest {
             report.text("  highest", engineering(highest, "Hz"));
+        }
+        if let Some(factor) = self.pull_in_factor.filter(|factor| *factor < 1.0) {
+            let words =
+                format!("at {factor:.3} times load.pressure; beyond it only an obstacle stops the plate");
+            report.text("pull-in", words);
         }
         report.text("time step", self.step_in_words());
         let memory = engineering(self.memory as f64, "B");

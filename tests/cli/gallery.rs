@@ -626,6 +626,12 @@ fn a_switch_is_pulled_in_beyond_its_voltage() {
     );
     let inspection: Value = serde_json::from_str(&succeeds(&inspection)).unwrap();
     let factor = inspection["pull_in_factor"].as_f64().unwrap();
+    let check = |volts: &str| {
+        let given = ["check", &scene("pull_in"), "--set", &format!("parameters.v={volts}")];
+        succeeds(&rebond(&folder("pull-in-check"), &given))
+    };
+    assert!(check("50").contains("times load.pressure; beyond it only an obstacle"));
+    assert!(!check("20").contains("pull-in"));
     let bends = 70.095 * 2.0 * (160e9 * 1e-18 / 12.0) * 8e-18 / (8.854e-12 * 200e-6_f64.powi(4));
     let ratio = 400.0 * factor / bends;
     assert!((1.0..1.6).contains(&ratio), "{ratio}");
