@@ -11,7 +11,7 @@ use crate::communicator::Communicator;
 use crate::error::{Error, Result};
 use crate::geometry::range;
 use crate::linalg::Engine;
-use crate::output::text::{TableColumns, grouped, two_digits};
+use crate::output::text::{TableColumns, engineering, grouped, two_digits};
 use crate::scene::{ContactSolver, EngineName, Scene};
 use crate::scheme::Solution;
 use crate::simulation::{self, DeflectionDof, Model, SolverFactory};
@@ -370,7 +370,7 @@ impl fmt::Display for Comparison {
         }
         write!(f, "{table}")?;
         if let Some(shown) = self.impacts.get(..shown).filter(|shown| !shown.is_empty()) {
-            let times: Vec<String> = shown.iter().map(|time| format!("{time:.6} s")).collect();
+            let times: Vec<String> = shown.iter().map(|time| engineering(*time, "s")).collect();
             writeln!(f, "  contacts at {}; {} in all", times.join(", "), self.impacts.len())?;
         }
         Ok(())
