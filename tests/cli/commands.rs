@@ -64,6 +64,10 @@ fn a_run_hides_no_warning_of_its_check() {
             &["initial={ velocity = '0.1*x' }"],
             "initial.velocity: a slope of 0.1 1/s at (0, 0), where a support holds",
         ),
+        (
+            &["initial={ velocity = '0.1*x/3' }"],
+            "initial.velocity: a slope of 0.03333 1/s at (0, 0), where a support holds",
+        ),
         (&["mesh={ element = 'hct', cells = [2, 2] }", clamped], "inf-sup condition fails"),
         (
             &[

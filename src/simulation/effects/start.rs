@@ -202,6 +202,7 @@ type Contradiction = ([f64; 2], bool, f64, f64);
 
 /// Describes a violation, with the units of the field and of its slope.
 fn in_words(([x, y], is_value, given, held): Contradiction, of_value: &str, of_slope: &str) -> String {
+    let [x, y, given, held] = [x, y, given, held].map(|x| format!("{x:.3e}").parse().unwrap_or(x));
     let (what, unit) = if is_value { ("", of_value) } else { ("a slope of ", of_slope) };
     let held = if held == 0.0 { "0".to_owned() } else { format!("{held:?} {unit}") };
     let given = format!("{given:?} {unit}");
