@@ -152,8 +152,11 @@ fn energy(summary: &Value) -> Option<String> {
     let energy = &summary["energy"];
     let number = |key: &str| energy[key].as_f64();
     let (start, end, min, max) = (number("start")?, number("end")?, number("min")?, number("max")?);
-    let parts =
-        [energy["stored"][0].as_f64()?, number("put_in")?, number("lost")?, energy["stored"][1].as_f64()?];
+    let stored = |end: usize| energy["stored"][end].as_f64();
+    // Energies that come and go within the run leave rounding.
+    let rounding = EQUAL * min.abs().max(max.abs());
+    let parts = [stored(0)?, number("put_in")?, number("lost")?, stored(1)?]
+        .map(|part| if part.abs() > rounding { part } else { 0.0 });
     let largest = parts.iter().fold(0.0, |largest: f64, part| largest.max(part.abs()));
     // Where a load does most of the work, the energy at the start is no measure.
     let is_measure = start > ROUNDING * min.abs().max(max.abs()) && parts[0] > 0.1 * largest;
@@ -203,6 +206,13 @@ mod tests {
         assert_eq!(
             told(0.0, 1.0, -2.0),
             "0 J at the start, 1 J put in, 2 J gained by the scheme, 3 J at the end"
+        );
+        // A load has put in 0.4 nJ and taken it back, up to rounding.
+        let energy = json!({ "start": 0.0, "end": 1.6e-20, "min": -4e-10, "max": 1.7e-20, "put_in": -1.6e-20,
+            "lost": -1.6e-20, "stored": [0.0, 1e-29] });
+        assert_eq!(
+            super::energy(&json!({ "conservative": false, "energy": energy })).unwrap(),
+            "0 J at the start, 0 J put in, 0 J lost, 0 J at the end"
         );
     }
 }
