@@ -26,6 +26,12 @@ impl Energies {
 /// hold; a limit of 100 allows all of it.
 const HELD: f64 = 0.01;
 
+/// Part of the energy that a run is measured against, below which the energy at its start is none.
+const ROUNDING: f64 = 1e-9;
+
+/// Reference of a run that starts with no energy but rounding.
+const FROM_NOTHING: &str = "the largest energy of loads or buckling so far (it is 0 J at the start)";
+
 /// Advice for a plate that holds more energy than is possible.
 const TOO_FAST: &str = "an obstacle, a support or a load moves the plate faster than any plate can move: check them, or set a smaller \
                         time.step";
@@ -90,7 +96,9 @@ impl Guard {
             |ratio: f64, of, advice| Err(Error::EnergyGuard { step, time, ratio, of, limit, advice });
         // Contact and damping remove at most the energy at the start and the work done since.
         if growth > (limit - 1.0) * scale || growth < -(limit + 1.0) * scale {
-            return guarded(1.0 + growth / scale, "its start", self.advice);
+            let starts = self.start.abs() > ROUNDING * scale;
+            let reference = if starts { "its start" } else { FROM_NOTHING };
+            return guarded(1.0 + growth / scale, reference, self.advice);
         }
         // Work cancels in the total, so the plate itself must be able to hold its energy.
         let content = now.kinetic + now.elastic;
@@ -102,5 +110,24 @@ impl Guard {
             );
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Energies, Guard};
+
+    /// The reference of the ratio has a name that fits it: a start without energy is none.
+    #[test]
+    fn the_guard_names_the_energy_that_it_measures_against() {
+        let told = |start: Energies, work: f64| {
+            let mut guard = Guard::new(start, f64::INFINITY, 100.0, "advice");
+            guard.check(1, 0.1, Energies { kinetic: 1e3 + work, work, ..start }).unwrap_err().to_string()
+        };
+        let moving = Energies { kinetic: 1.0, ..Energies::default() };
+        assert!(told(moving, 0.0).contains("the energy is 1000.0000 times its start, past the guard of 100"));
+        let words =
+            "the energy is 1001.0000 times the largest energy of loads or buckling so far (it is 0 J at";
+        assert!(told(Energies::default(), 1.0).contains(words), "{}", told(Energies::default(), 1.0));
     }
 }
