@@ -27,6 +27,16 @@ fn every_new_scene_runs_unchanged() {
                 let scene = fs::read_to_string(folder.join(format!("{kind}.toml"))).unwrap();
                 let comments = scene.lines().filter(|line| line.contains("# ")).count();
                 assert!(comments > 10, "{kind}: {comments} comments");
+                if kind == "stop" {
+                    // The key that a comment offers is taken by the scheme and the mass.
+                    let damped = scene.replace("# damping", "damping");
+                    fs::write(folder.join("damped.toml"), &damped).unwrap();
+                    succeeds(&rebond(
+                        folder,
+                        &["run", "damped.toml", "--set", "time.end=0.06", "--no-cache"],
+                    ));
+                    assert_ne!(damped, scene);
+                }
                 let output = rebond(folder, &["run", &format!("{kind}.toml"), "--no-cache"]);
                 succeeds(&output);
                 assert!(!text(&output.stderr).contains("warning"), "{kind}: {}", text(&output.stderr));
