@@ -182,10 +182,13 @@ fn odd_numbers_are_asked_about() {
     }
     let warnings = plate(0.2, modal, "damping.modal = 1.5").unwrap().warnings;
     assert!(warnings[0].starts_with("damping.modal = 1.5 is more than critical"), "{warnings:?}");
-    let moment = "load.moment = [{ at = [0.03, 0.033], about = \"x\", value = 1e-3 }]";
-    let start = plate(0.2, modal, moment).unwrap().loads[0].start;
-    assert_eq!(start.force, 0.0);
-    assert!((start.moments[0] - 1e-3).abs() < 1e-15, "{start:?}");
+    // Inside a cell, and at a node.
+    for at in [[0.03, 0.033], [0.2, 0.1]] {
+        let moment = format!("load.moment = [{{ at = {at:?}, about = \"x\", value = 1e-3 }}]");
+        let start = plate(0.2, modal, &moment).unwrap().loads[0].start;
+        assert_eq!(start.force, 0.0);
+        assert!((start.moments[0] - 1e-3).abs() < 1e-15, "{start:?}");
+    }
 }
 
 /// With the advised step a cosine in the relevant mode has the correct period within 1 %; with a

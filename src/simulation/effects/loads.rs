@@ -164,16 +164,17 @@ pub struct Resultant {
 
 impl Resultant {
     /// Returns the resultant of a load on the deflections and slopes of all nodes, three entries
-    /// per node.
-    fn of(nodes: &[Point], load: &[f64]) -> Resultant {
+    /// per node, on a plate that extends to an arm (m).
+    fn of(nodes: &[Point], load: &[f64], arm: f64) -> Resultant {
         let mut sum = Resultant::default();
         for (node, load) in nodes.iter().zip(load.chunks_exact(PER_NODE)) {
             sum.force += load[0];
             sum.moments[0] += load[0] * node.y + load[2];
             sum.moments[1] -= load[0] * node.x + load[1];
         }
-        // A pure moment has forces that cancel.
-        let parts: f64 = load.chunks_exact(PER_NODE).map(|load| load[0].abs()).sum();
+        // A pure moment has forces that cancel, or none but rounding.
+        let parts = load.chunks_exact(PER_NODE).map(|load| load[0].abs() + load[1].hypot(load[2]) / arm);
+        let parts: f64 = parts.sum();
         if sum.force.abs() < ROUNDING * parts {
             sum.force = 0.0;
         }
@@ -250,8 +251,8 @@ const WAVE_INSTANTS: u64 = 100;
 pub(in crate::simulation) fn totals<P: Partition>(ground: &BuildContext<P>) -> Result<Vec<LoadTotal>> {
     phase("loads");
     let BuildContext { scene, mesh, .. } = ground;
-    let resultant = |load: &[f64]| Resultant::of(&mesh.nodes, load);
     let arm = mesh.nodes.iter().fold(0.0, |m: f64, p| m.max(p.coords.norm()));
+    let resultant = |load: &[f64]| Resultant::of(&mesh.nodes, load, arm);
     let push = |total: Resultant| total.parts(arm).iter().map(|part| part.abs()).sum::<f64>();
     let end = scene.time.end;
     let among = |instants: u64, value: &dyn Fn(f64) -> Result<Resultant>| {
