@@ -3,8 +3,8 @@
 pub use crate::memory::grouped;
 use std::fmt;
 
-/// SI prefixes of the powers of 1000 from -4 to 4.
-pub const PREFIXES: [&str; 9] = ["p", "n", "u", "m", "", "k", "M", "G", "T"];
+/// SI prefixes of the powers of 1000 from -5 to 4.
+pub const PREFIXES: [&str; 10] = ["f", "p", "n", "u", "m", "", "k", "M", "G", "T"];
 
 /// Rows of label, value and unit, with the numbers aligned on their decimal points.
 ///
@@ -307,13 +307,13 @@ pub fn prefix(value: f64) -> (f64, &'static str) {
         return (1.0, "");
     }
     // 0.99995 and more round up to 1.
-    let power = ((value.abs() / 0.99995).log10() / 3.0).floor().clamp(-4.0, 4.0);
+    let power = ((value.abs() / 0.99995).log10() / 3.0).floor().clamp(-5.0, 4.0);
     (1000_f64.powf(power), prefix_of(3 * power as i32).unwrap_or_default())
 }
 
 /// Returns the SI prefix of a power of ten; `None` where it has none.
 pub fn prefix_of(exponent: i32) -> Option<&'static str> {
-    let number = usize::try_from(exponent / 3 + 4).ok().filter(|_| exponent % 3 == 0)?;
+    let number = usize::try_from(exponent / 3 + 5).ok().filter(|_| exponent % 3 == 0)?;
     PREFIXES.get(number).copied()
 }
 

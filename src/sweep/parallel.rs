@@ -7,7 +7,7 @@ use super::row::SweepRow;
 use crate::geometry::range;
 use crate::output::plot::perspective::spread;
 use crate::output::plot::{Axis, Color, Curve, Figure, Panel, Ramp};
-use crate::output::text::{engineering, significant};
+use crate::output::text::{engineering, significant, typeset};
 use crate::scene::unit;
 
 /// Largest number of runs that are drawn.
@@ -47,7 +47,7 @@ pub(super) fn figure(report: &SweepReport) -> Figure {
     });
     let names = axes.iter().zip(&ends).map(|((name, unit, _), ends)| {
         // A prefix without a unit would look like one.
-        let word = |end| if unit.is_empty() { significant(end) } else { engineering(end, unit) };
+        let word = |end| if unit.is_empty() { significant(end) } else { typeset(&engineering(end, unit)) };
         let [low, high] = ends.map(word);
         format!("{name}, {low} to {high}")
     });

@@ -309,6 +309,6 @@ mod tests {
         let name = |symbol, magnitude| unit(symbol, magnitude).0;
         assert_eq!([name("Pa", 1.7e8), name("Pa", 2.1e11), name("Pa", 5e3)], ["MPa", "GPa", "kPa"]);
         assert_eq!([name("s", 1e-4), name("s", 0.05), name("s", 0.5)], ["\u{b5}s", "ms", "s"]);
-        assert_eq!([name("m", 2e-4), name("N", 500.0)], ["mm", "N"]);
+        assert_eq!([name("m", 2e-4), name("N", 500.0), name("N s", 2e-16)], ["mm", "N", "fN s"]);
     }
 }

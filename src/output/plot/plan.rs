@@ -5,7 +5,7 @@ use super::perspective::{Corner, above, depth};
 use super::{Axis, Bar, Color, Curve, Figure, Panel};
 use crate::geometry::range;
 use crate::output::plot::coarse::coarsened;
-use crate::output::text::{engineering, place_in};
+use crate::output::text::{engineering, place_in, typeset};
 use crate::output::vtu::Surface;
 
 /// Largest height of a plan, in points, and its width.
@@ -58,7 +58,7 @@ pub fn stress(surface: Surface, title: &str, what: &str, told: Option<([f64; 2],
         let (place, time) = told.map_or((place, None), |(place, time)| (place, Some(time)));
         let (metre, scale) = unit("m", size);
         let mut name = format!("largest: {} at {}", engineering(value, "Pa"), place_in(place, scale, &metre));
-        time.into_iter().for_each(|time| name += &format!(", {}", engineering(time, "s")));
+        time.into_iter().for_each(|time| name += &typeset(&format!(", {}", engineering(time, "s"))));
         plan = plan.curve(Curve::new(name, vec![place]).palette(1).marks(0).scattered());
     }
     let plan = plan.curve(Curve::new("", lines).color(Color::BLACK).width(0.35));
