@@ -163,9 +163,8 @@ fn meaningless(study: &Study) -> Vec<&'static str> {
 }
 
 impl Study {
-    /// Creates the default study: all schemes and masses on the scene's mesh, with five steps.
-    ///
-    /// These are the scene's own step and four coarser ones.
+    /// Creates the default study: all schemes on the scene's mesh, with the paper's masses and the
+    /// scene's own, and with five steps, the scene's own and four coarser ones.
     pub(super) fn usual(mesh: &Grid, time: &Time, solver: &Solver) -> Study {
         let fits = |step: &f64| FEWEST_INSTANTS * step <= time.end;
         let mut steps: Vec<f64> =
@@ -177,9 +176,10 @@ impl Study {
             Some(ModeRange::Count(count)) => count,
             _ => USUAL_MODES,
         };
+        let modal = (time.mass == Mass::Modal).then_some(Mass::Modal);
         Study {
             schemes: SchemeName::ALL.to_vec(),
-            masses: vec![Mass::Singular, Mass::Consistent],
+            masses: [Mass::Singular, Mass::Consistent].into_iter().chain(modal).collect(),
             modes: vec![modes],
             restitutions: vec![0.0, 1.0],
             steps,

@@ -116,6 +116,34 @@ fn a_plan_has_the_modes_that_make_sense() {
     assert!(error.contains("study.skip") && error.contains("80x32 newmark"), "{error}");
 }
 
+/// A study has the scene's own scheme and mass by default, and tells once what cannot take it.
+#[test]
+fn a_study_has_the_mass_of_its_scene() {
+    let damped = concat!(
+        literal!(PAPER_START),
+        r#"
+        obstacle = [{ side = "below", height = -0.1, at = [1.2, 0], stiffness = 1e5 }]
+        damping = { modal = 0.02 }
+        mesh = { element = "fvs", cells = [4, 2] }
+        time = { scheme = "conserving", mass = "modal", modes = 8, step = 1e-3, end = 0.08 }
+        study = { steps = [1e-3], repeat = 1, reference_cells = [4, 2] }
+        "#
+    );
+    let accuracy = study(damped);
+    let runs: Vec<String> = accuracy.runs.iter().map(|run| run.case.to_string()).collect();
+    assert!(runs.contains(&"fvs 4x2, conserving modal m=8, 1e-3 s".to_owned()), "{accuracy}");
+    let left_out =
+        "\nleft out  fvs 4x2, conserving singular: time.scheme = \"conserving\" takes no damping.modal\n";
+    assert_eq!(accuracy.to_string().matches(left_out).count(), 1, "{accuracy}");
+    assert!(!accuracy.to_string().contains("FAILED"), "{accuracy}");
+
+    let refused =
+        damped.replace("study = {", "study = { schemes = [\"conserving\"], masses = [\"singular\"],");
+    let told = study(&refused).to_string();
+    assert!(told.contains(left_out) && !told.contains("none") && !told.contains("FAILED"), "{told}");
+    assert!(told.ends_with("\n\nno run reached the end: expected schemes and masses that take the scene\n"));
+}
+
 /// Without limits each run has its whole error only; the floor is that of the finest mesh.
 #[test]
 fn a_study_without_limits_measures_the_whole_error_and_the_floor() {

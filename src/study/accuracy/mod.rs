@@ -32,7 +32,7 @@ use crate::scene::{EngineName, Grid, Horizon, Mass, Probe, ProbeQuantity, Scene,
 use crate::simulation::{self, Matrices, Model, Outcome};
 use measuring::{Measurement, PATIENCE, Reference, record, take, take_at_once};
 use norms::Metric;
-use plan::{Absent, Case, Plan, mesh_and_space, mesh_name};
+use plan::{Absent, Case, Plan, leave_out, mesh_and_space, mesh_name};
 use std::rc::Rc;
 use trajectory::{Deviation, Parts, Trajectory};
 use truth::{Family, ReferenceSolution, ReferenceSpec};
@@ -144,6 +144,13 @@ pub fn study(
                 _ => take_at_once(base, study, together, interval),
             };
             for (case, taken) in together.iter().zip(taken) {
+                // What a scheme cannot take is told once, not at every step.
+                if let Err(Error::Usage(why)) = &taken {
+                    let what = format!("{}, {}", mesh_name(&grid), case.method);
+                    leave_out(&mut accuracy.dropped, what, why);
+                    watch.done(&accuracy)?;
+                    continue;
+                }
                 let recorded =
                     taken.and_then(|taken| setting.record(&mut accuracy, case, &taken, &truths, &metric));
                 if let Err(error) = recorded {

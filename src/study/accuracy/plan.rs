@@ -155,12 +155,17 @@ pub struct Absent {
     pub why: String,
 }
 
-/// Adds combinations that are left out, once.
-fn leave_out(dropped: &mut Vec<Absent>, what: String, why: &str) {
-    let one = Absent { what, why: why.to_owned() };
+/// Adds combinations that are left out, once, with a reason up to its remedy.
+pub(super) fn leave_out(dropped: &mut Vec<Absent>, what: String, why: &str) {
+    let one = Absent { what, why: without_remedy(why).to_owned() };
     if !dropped.contains(&one) {
         dropped.push(one);
     }
+}
+
+/// Returns a message up to its remedy.
+pub(super) fn without_remedy(message: &str) -> &str {
+    message.split(';').next().unwrap_or(message)
 }
 
 /// Plan of a study.
@@ -204,7 +209,11 @@ impl Plan {
             // A mesh that cannot be made is reported by its runs.
             let mesh = methods.iter().any(depends).then(|| mesh_and_space(scene, grid).ok()).flatten();
             for &method in &methods {
-                if let Some((what, why)) = forbidden(&method, mesh.as_ref()) {
+                // Without contact the scene's own modes may be any number.
+                let is_modal = method.modes.is_some() && !scene.has_contact();
+                if let Some((what, why)) = forbidden(&method, mesh.as_ref())
+                    && !(is_modal && method.modes.map(ModeRange::Count) == scene.time.modes)
+                {
                     leave_out(&mut dropped, format!("{}, {what}", mesh_name(&grid)), why);
                     continue;
                 }

@@ -54,7 +54,9 @@ impl fmt::Display for Accuracy {
         }
         for mesh in self.meshes() {
             self.write_limits(f, &mesh)?;
-            self.write_runs(f, &mesh)?;
+            if !self.runs_on(&mesh).is_empty() {
+                self.write_runs(f, &mesh)?;
+            }
         }
         self.write_orders(f)?;
         let mut columns = TableColumns::default();
@@ -62,14 +64,16 @@ impl fmt::Display for Accuracy {
         columns.add("run", |choice| choice.run.clone().unwrap_or_else(|| "none".into()));
         columns.add("ms", |choice| choice.seconds.map_or("-".into(), milliseconds));
         columns.add("error", |choice| small(choice.error));
-        for choices in self.cheapest().chunk_by(|a, b| a.among == b.among) {
+        let choices = if self.runs.is_empty() { vec![] } else { self.cheapest() };
+        for choices in choices.chunk_by(|a, b| a.among == b.among) {
             write!(f, "\n{}\n{}", choices[0].among, columns.table(choices))?;
         }
         for Absent { what, why } in &self.dropped {
             writeln!(f, "left out  {what}: {why}")?;
         }
         self.failures.iter().try_for_each(|Absent { what, why }| writeln!(f, "FAILED  {what}: {why}"))?;
-        self.advice().map_or(Ok(()), |advice| writeln!(f, "\n{advice}"))
+        let none = "no run reached the end: expected schemes and masses that take the scene";
+        writeln!(f, "\n{}", self.advice().as_deref().unwrap_or(none))
     }
 }
 

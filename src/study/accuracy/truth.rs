@@ -4,7 +4,7 @@
 //! restitution. With the consistent mass it depends on the restitution law, so that each method has
 //! a limit of its own.
 
-use super::plan::{Case, EXACT_CELLS, EXACT_MODES, Method, mesh_and_space};
+use super::plan::{Case, EXACT_CELLS, EXACT_MODES, Method, mesh_and_space, without_remedy};
 use super::trajectory::{Distance, Trajectory};
 use super::{Runner, run_native};
 use crate::error::Result;
@@ -129,7 +129,7 @@ impl ReferenceSolution {
     /// Returns the error of the last method that was tried.
     pub fn new(base: &Scene, spec: ReferenceSpec, run: &Runner) -> Result<ReferenceSolution> {
         let ReferenceSpec { grid, family, interval, step, together, is_limit, keep_fields } = spec;
-        let computed = |method: Method| {
+        let computed = |method: Method| -> Result<_> {
             let exact = method.scheme == SchemeSpec::Exact;
             let scene = |step| Case { grid, method, step }.scene(base, interval);
             let (fine, outcome) = if exact {
@@ -160,7 +160,7 @@ impl ReferenceSolution {
         let exact = first.into_iter().find_map(|method| {
             let computed = computed(method);
             if let Err(error) = &computed {
-                refused.push(format!("{method}: {error}"));
+                refused.push(format!("{method}: {}", without_remedy(&error.to_string())));
             }
             computed.ok()
         });
