@@ -85,18 +85,19 @@ impl<P: Partition> FollowingPressure<P> {
     pub fn at_nodes(&self, t: f64, u: &[f64]) -> Result<Vec<f64>> {
         let (shape, pressure) = (self.shape(u), self.pressure.of_deflection(t));
         let mut load = vec![0.0; PER_NODE * self.nodes];
-        let mut integrate = || {
-            for (points, places) in &self.cells {
-                for point in points {
-                    let value =
-                        point.weight * pressure.value(point.place, point.deflection(places, &shape))?;
-                    places.iter().zip(&point.values).for_each(|(&place, basis)| load[place] += value * basis);
-                }
-            }
+        self.for_each(|point, places| {
+            let value = point.weight * pressure.value(point.place, point.deflection(places, &shape))?;
+            places.iter().zip(&point.values).for_each(|(&place, basis)| load[place] += value * basis);
             Ok(())
-        };
-        self.partition.comm().all_ok(integrate())?;
+        })?;
         Ok(load)
+    }
+
+    /// Visits all points, each with the places of the dofs of its cell. Collective.
+    fn for_each(&self, mut visit: impl FnMut(&PressedPoint, &[usize]) -> Result<()>) -> Result<()> {
+        let mut cells = self.cells.iter();
+        let visited = cells.try_for_each(|(points, places)| points.iter().try_for_each(|p| visit(p, places)));
+        self.partition.comm().all_ok(visited)
     }
 
     /// Returns a multiple of the stiffness at the start and a displacement (m), cell by cell, in
@@ -146,19 +147,14 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
     fn work(&self, t: f64, u: &[f64]) -> Result<f64> {
         let (shape, pressure) = (self.shape(u), self.pressure.of_deflection(t));
         let mut work = 0.0;
-        let mut integrate = || {
-            for (points, places) in &self.cells {
-                for point in points {
-                    let deflection = point.deflection(places, &shape);
-                    for (share, weight) in GAUSS {
-                        let value = pressure.value(point.place, share * deflection)?;
-                        work += point.weight * weight * deflection * value;
-                    }
-                }
+        self.for_each(|point, places| {
+            let deflection = point.deflection(places, &shape);
+            for (share, weight) in GAUSS {
+                work +=
+                    point.weight * weight * deflection * pressure.value(point.place, share * deflection)?;
             }
             Ok(())
-        };
-        self.partition.comm().all_ok(integrate())?;
+        })?;
         Ok(self.partition.comm().all_reduce_sum(work))
     }
 
@@ -170,21 +166,15 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
         let (shape, change, pressure) = (self.shape(u), self.shape(x), self.pressure.of_deflection(t));
         let farthest = vectors::largest(shape.iter().step_by(PER_NODE).copied());
         let mut reach = f64::INFINITY;
-        let mut limit = || {
-            for (points, places) in &self.cells {
-                for point in points {
-                    let [_, slope, curvature] =
-                        pressure.jet(point.place, point.deflection(places, &shape))?;
-                    let step = point.deflection(places, &change);
-                    if slope > 0.0 && curvature * step > 0.0 {
-                        let free = (slope / curvature).abs().max(LEAST * farthest);
-                        reach = reach.min(free / step.abs());
-                    }
-                }
+        self.for_each(|point, places| {
+            let [_, slope, curvature] = pressure.jet(point.place, point.deflection(places, &shape))?;
+            let step = point.deflection(places, &change);
+            if slope > 0.0 && curvature * step > 0.0 {
+                let free = (slope / curvature).abs().max(LEAST * farthest);
+                reach = reach.min(free / step.abs());
             }
             Ok(())
-        };
-        self.partition.comm().all_ok(limit())?;
+        })?;
         Ok(-self.partition.comm().all_reduce_max(-reach))
     }
 }
