@@ -308,6 +308,17 @@ impl TimeDependence {
         }
     }
 
+    /// Returns an error where damping of stops is combined with a scheme that does not follow their
+    /// tips on the modal mass.
+    pub(super) fn refuse_viscous_tips(&self) -> Result<()> {
+        match self.viscous_tips {
+            None => Ok(()),
+            Some(_) => Err(Error::Usage(
+                "obstacle.damping: with time.mass = \"modal\" expected time.scheme = \"conserving\"".into(),
+            )),
+        }
+    }
+
     /// Returns an error where modal damping is combined with the named scheme.
     pub(super) fn refuse_modal(&self, scheme: &str) -> Result<()> {
         match self.modal {

@@ -122,7 +122,7 @@ fn a_study_has_the_mass_of_its_scene() {
     let damped = concat!(
         literal!(PAPER_START),
         r#"
-        obstacle = [{ side = "below", height = -0.1, at = [1.2, 0], stiffness = 1e5 }]
+        obstacle = [{ side = "below", height = -0.1, at = [1.2, 0], stiffness = 1e5, damping = 50 }]
         damping = { modal = 0.02 }
         mesh = { element = "fvs", cells = [4, 2] }
         time = { scheme = "conserving", mass = "modal", modes = 8, step = 1e-3, end = 0.08 }
@@ -136,6 +136,9 @@ fn a_study_has_the_mass_of_its_scene() {
         "\nleft out  fvs 4x2, conserving singular: time.scheme = \"conserving\" takes no damping.modal\n";
     assert_eq!(accuracy.to_string().matches(left_out).count(), 1, "{accuracy}");
     assert!(!accuracy.to_string().contains("FAILED"), "{accuracy}");
+    // The exact scheme knows no dashpots, so that it is no limit here.
+    let limit = accuracy.limits.iter().find(|limit| limit.family == "modal m=8").unwrap();
+    assert_eq!(limit.source, "conserving modal m=8, 2.5e-4 s", "{accuracy}");
 
     let refused =
         damped.replace("study = {", "study = { schemes = [\"conserving\"], masses = [\"singular\"],");

@@ -172,6 +172,8 @@ impl<'s, E: Engine> Exact<'s, E> {
                 ));
             }
             drive.refuse_modal("exact")?;
+        } else {
+            drive.refuse_viscous_tips()?;
         }
         if !bounds.laws.are_rigid() {
             return Err(Error::Usage(

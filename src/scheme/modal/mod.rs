@@ -215,10 +215,8 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let Form::Modal { consistent, modes } = &system.mass else {
             return Err(Error::Usage("this scheme needs time.mass = \"modal\"".into()));
         };
-        if system.drive.viscous_tips.is_some() && rule != StepRule::Splitting {
-            return Err(Error::Usage(
-                "obstacle.damping: with time.mass = \"modal\" expected time.scheme = \"conserving\"".into(),
-            ));
+        if rule != StepRule::Splitting {
+            system.drive.refuse_viscous_tips()?;
         }
         if system.drive.stretching.is_some() && rule != StepRule::Splitting {
             return Err(Error::Usage("in_plane.stretching: expected time.scheme = \"conserving\"".into()));
