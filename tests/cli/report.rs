@@ -128,7 +128,7 @@ fn a_report_is_one_page_without_a_network() {
     }
     let links = page.split("href=\"").skip(1).map(|rest| rest.split('"').next().unwrap());
     assert!(links.clone().count() > 3);
-    let beside: Vec<&str> = links.filter(|link| !link.starts_with("#t=")).collect();
+    let beside: Vec<&str> = links.filter(|link| !link.starts_with('#')).collect();
     assert_eq!(beside, ["data:,", "contacts.csv", "history.csv", "summary.json"], "every table of the run");
     // A title cannot end a script, nor open an element.
     assert_eq!(page.matches("</script>").count(), 3);
@@ -246,6 +246,7 @@ fn many_rows_and_snapshots_are_thinned_and_peaks_stay() {
     assert!(said.contains("300 of 601 snapshots"), "{said}");
     let page = fs::read_to_string(folder.join("run/report.html")).unwrap();
     assert!(page.contains("300 of the 601 snapshots of the run") && page.contains("of the 12 001 rows"));
+    assert!(page.contains("The run gave no warnings.") && !page.contains("#warnings"));
     let (meta, arrays) = (meta(&page), arrays(&page));
     assert_eq!(arrays["frame_times"].len(), 300);
     let table = history::read(&folder.join("run")).unwrap();
@@ -278,6 +279,9 @@ fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
     assert!(supports.contains("</summary>impulse"), "{supports}");
     let count = warnings.matches("<p class=\"warning\">").count();
     assert!(count > 2 && warnings.contains(&format!("<b>{count} warnings</b>")), "{warnings}");
+    // A line above the answers leads to the box.
+    let link = format!("<a href=\"#warnings\">{count} warnings</a>");
+    assert!(between(&page, "<header>", "</header>").contains(&link) && warnings.contains("id=\"warnings\""));
     assert!(page.contains("--set output.fields_every=2 --overwrite</code>") && !page.contains("<canvas"));
     assert!(page.contains("The scene has neither obstacles nor balls."));
 }

@@ -59,7 +59,19 @@ pub(super) fn sortable(id: &str, heads: &str, rows: &str) -> String {
 pub(super) fn head(summary: &Value) -> String {
     let scene = &summary["scene"];
     let title = scene["title"].as_str().filter(|title| !title.is_empty()).unwrap_or("Run of rebond");
-    header(title, &format!("<p class=\"plate\">{}.</p>\n{}", plate(scene), state(summary)))
+    let warned = count_of_warnings(summary).map_or_else(String::new, |count| {
+        format!("<p class=\"warning\"><a href=\"#warnings\">{count}</a></p>\n")
+    });
+    header(title, &format!("<p class=\"plate\">{}.</p>\n{warned}{}", plate(scene), state(summary)))
+}
+
+/// Returns the number of warnings of a run in words; `None` where there is none.
+fn count_of_warnings(summary: &Value) -> Option<String> {
+    match texts(&summary["warnings"]).count() {
+        0 => None,
+        1 => Some("1 warning".into()),
+        count => Some(format!("{count} warnings")),
+    }
 }
 
 /// Returns the head of a page with its title and what stands below, up to the beginning of its main
@@ -83,7 +95,7 @@ pub(super) fn state(summary: &Value) -> String {
 }
 
 /// Returns the answers of a run and its warnings. Many supports share a card, with a line each that
-/// opens on demand; several warnings share a box of limited height.
+/// opens on demand; warnings share a box of limited height.
 pub(super) fn answers(summary: &Value) -> String {
     let card = |KeyFigure { title, text, .. }: KeyFigure| {
         format!("<div><dt>{}</dt><dd>{}</dd></div>\n", escaped(&title), escaped(&typeset(&text)))
@@ -101,11 +113,9 @@ pub(super) fn answers(summary: &Value) -> String {
         false => held.into_iter().map(card).collect(),
     };
     let mut warnings = warnings(summary);
-    let count = texts(&summary["warnings"]).count();
-    if count > 1 {
-        let role = "tabindex=\"0\" role=\"region\" aria-label=\"Warnings\"";
-        warnings =
-            format!("<div class=\"scroll warnings\" {role}><b>{count} warnings</b>\n{warnings}</div>\n");
+    if let Some(count) = count_of_warnings(summary) {
+        let role = "id=\"warnings\" tabindex=\"0\" role=\"region\" aria-label=\"Warnings\"";
+        warnings = format!("<div class=\"scroll warnings\" {role}><b>{count}</b>\n{warnings}</div>\n");
     }
     section("answers", "", "Answers", &format!("<dl class=\"numbers answers\">\n{cards}</dl>\n{warnings}"))
 }
