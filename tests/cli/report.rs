@@ -296,6 +296,8 @@ fn a_report_begins_with_what_the_plate_is() {
     ];
     let sentence = between(&page, "<p class=\"plate\">", "</p>");
     assert!(told.iter().all(|words| sentence.contains(words)), "{sentence}");
+    // The moving view shows the rubber through the plate, and says so.
+    assert!(page.contains("white ones lie behind the plate"));
     // Every stop has a picture of its forces, also where contacts are not told apart.
     for words in ["force of rubber", "force of obstacle_2", "force of obstacle_3", "of ball_1"] {
         assert!(page.contains(words), "{words}");

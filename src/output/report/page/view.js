@@ -35,6 +35,7 @@ void main() {
 /** Half the height of the window over its distance. */
 const TANGENT = 0.2;
 const GREY = [0.5, 0.52, 0.56];
+const GHOST = [1, 1, 1, 0.5];
 const HOME = { turn: -0.6, rise: 0.42, near: 1 };
 
 export class View {
@@ -165,6 +166,10 @@ export class View {
     gl.polygonOffset(2, 4);
     this.#triangles(corners, 2, color);
     gl.disable(gl.POLYGON_OFFSET_FILL);
+    // Parts that the plate hides shine through it.
+    gl.disable(gl.DEPTH_TEST);
+    if (!level) this.#triangles(corners.length < triangles.length ? [...corners, ...pegs] : pegs, 0, GHOST);
+    gl.enable(gl.DEPTH_TEST);
     this.#triangles(pegs, 2, [...GREY, 1]);
   }
 
