@@ -292,7 +292,7 @@ fn a_report_begins_with_what_the_plate_is() {
     let page = page(&folder("report-panel", PANEL));
     let told = [
         "clamped at 2 bolts and at a point; a compliant stop of 20\u{a0}kN/m, at a point 500\u{a0}\u{b5}m below (rubber);",
-        "; 2 times a compliant stop of 2\u{a0}MN/m³, 500\u{a0}\u{b5}m below; a ball of 10\u{a0}g;",
+        "; 2 times a compliant stop of 2\u{a0}MN/m³, 500\u{a0}\u{b5}m below; a ball of 10\u{a0}g; starts with a velocity of ",
     ];
     let sentence = between(&page, "<p class=\"plate\">", "</p>");
     assert!(told.iter().all(|words| sentence.contains(words)), "{sentence}");
@@ -302,6 +302,27 @@ fn a_report_begins_with_what_the_plate_is() {
     for words in ["force of rubber", "force of obstacle_2", "force of obstacle_3", "of ball_1"] {
         assert!(page.contains(words), "{words}");
     }
+}
+
+/// A mesh from a file is told with its size, and loads by the kind of their law.
+#[test]
+fn a_report_tells_the_size_of_a_mesh_from_a_file() {
+    let folder = folder(
+        "report-mesh",
+        "plate = { thickness = 0.01, youngs_modulus = 7e10, poissons_ratio = 0.33, density = 2700 }\n\
+         mesh.file = \"plate.msh\"\n\
+         initial.velocity = \"0.1*x\"\nload.pressure = { table = \"pulse.csv\", interpolation = \"linear\" }\n\
+         time = { scheme = \"newmark\", mass = \"singular\", step = 1e-4, end = 1e-3 }\noutput.fields_every = 5\n",
+    );
+    for (data, name) in [("gmsh/square_41_text.msh", "plate.msh"), ("pulse.csv", "pulse.csv")] {
+        let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data").join(data);
+        fs::copy(data, folder.join(name)).unwrap();
+    }
+    let page = page(&folder);
+    let sentence = between(&page, "<p class=\"plate\">", "</p>");
+    let told = ", 10\u{a0}mm thick, 1\u{a0}m × 1\u{a0}m; free edges; \
+                under a pressure by a table; starts with a velocity by a formula.";
+    assert!(sentence.ends_with(told), "{sentence}");
 }
 
 /// The force of a ball is drawn over its gap, where probes have its height and what it faces.

@@ -92,13 +92,14 @@ impl Frames {
         self.shown.points.len()
     }
 
-    /// Returns the least and greatest deflection, in m, and the largest extent of the plate, in m.
-    pub fn extent(&self) -> ([f64; 2], f64) {
+    /// Returns the least and greatest deflection, in m, and the sides of the rectangle around the
+    /// plate, in m.
+    pub fn extent(&self) -> ([f64; 2], [f64; 2]) {
         let size = [0, 1].map(|axis| {
             let [low, high] = range(self.shown.places.iter().map(|place| place[axis]));
             high - low
         });
-        (range(self.deflection.iter().flatten().copied().filter(|w| w.is_finite())), size[0].max(size[1]))
+        (range(self.deflection.iter().flatten().copied().filter(|w| w.is_finite())), size)
     }
 
     /// Adds the arrays of the frames, and returns what colours can show, with unit and quantum.

@@ -56,13 +56,14 @@ pub(super) fn sortable(id: &str, heads: &str, rows: &str) -> String {
 }
 
 /// Returns the title of a run, and one sentence of what its plate is.
-pub(super) fn head(summary: &Value) -> String {
+pub(super) fn head(summary: &Value, frames: Option<&Frames>) -> String {
     let scene = &summary["scene"];
     let title = scene["title"].as_str().filter(|title| !title.is_empty()).unwrap_or("Run of rebond");
+    let plate = plate(scene, frames.map(|frames| frames.extent().1));
     let warned = count_of_warnings(summary).map_or_else(String::new, |count| {
         format!("<p class=\"warning\"><a href=\"#warnings\">{count}</a></p>\n")
     });
-    header(title, &format!("<p class=\"plate\">{}.</p>\n{warned}{}", plate(scene), state(summary)))
+    header(title, &format!("<p class=\"plate\">{plate}.</p>\n{warned}{}", state(summary)))
 }
 
 /// Returns the number of warnings of a run in words; `None` where there is none.
@@ -81,9 +82,10 @@ pub(super) fn header(title: &str, below: &str) -> String {
     format!("<header><h1>{}</h1>\n{below}{print}</header>\n<main>\n", escaped(title))
 }
 
-/// Returns one sentence of what the plate of a resolved scene is, without a full stop.
-pub(super) fn plate(scene: &Value) -> String {
-    escaped(&typeset(&sentence::sentence(scene)))
+/// Returns one sentence of what the plate of a resolved scene is, without a full stop; `extent`
+/// (m) is the size of a mesh from a file, where it is known.
+pub(super) fn plate(scene: &Value, extent: Option<[f64; 2]>) -> String {
+    escaped(&typeset(&sentence::sentence(scene, extent)))
 }
 
 /// Returns why a run ended early, if it did.

@@ -62,8 +62,8 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
     let (charts, rows) = series::store(table, &heights, &mut data);
     let mut meta = json!({ "charts": charts });
     if let Some(frames) = frames {
-        let ([low, high], size) = frames.extent();
-        let drawn = perspective::relief_scale(low.min(0.0), high.max(0.0), size);
+        let ([low, high], [length, width]) = frames.extent();
+        let drawn = perspective::relief_scale(low.min(0.0), high.max(0.0), length.max(width));
         let scales = SCALES.iter().filter(|scale| **scale <= (10.0 * drawn).max(10.0));
         meta["scale"] = json!(drawn);
         meta["scales"] = scales.copied().collect::<Vec<f64>>().into();
@@ -75,7 +75,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
     meta["arrays"] = arrays;
     let title = html::escaped(summary["scene"]["title"].as_str().unwrap_or("Run of rebond"));
     let body = [
-        html::head(summary),
+        html::head(summary, frames),
         html::trouble().to_owned(),
         "<div class=\"first\">\n".to_owned(),
         html::view(summary, frames, &meta["colors"]),

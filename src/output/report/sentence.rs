@@ -30,9 +30,10 @@ const COUNTED: [(&str, &str, &str); 7] = [
     ("slider", "a slider", "sliders"),
 ];
 
-/// Returns what the plate of a resolved scene is, in a sentence without a full stop.
-pub(super) fn sentence(scene: &Value) -> String {
-    let mut parts = vec![plate(scene), supports(scene)];
+/// Returns what the plate of a resolved scene is, in a sentence without a full stop; `extent` (m)
+/// is the size of a mesh from a file, where it is known.
+pub(super) fn sentence(scene: &Value, extent: Option<[f64; 2]>) -> String {
+    let mut parts = vec![plate(scene, extent), supports(scene)];
     for (table, one, several) in COUNTED {
         match list(scene, table).count() {
             0 => {}
@@ -79,7 +80,7 @@ fn counted(scene: &Value, table: &str, description: fn(&Value) -> String) -> Vec
     kinds.into_iter().map(words).collect()
 }
 
-fn plate(scene: &Value) -> String {
+fn plate(scene: &Value, extent: Option<[f64; 2]>) -> String {
     let plate = &scene["plate"];
     let number = |key: &str| plate[key].as_f64();
     let (modulus, density) = (number("youngs_modulus").unwrap_or(0.0), number("density").unwrap_or(0.0));
@@ -91,13 +92,9 @@ fn plate(scene: &Value) -> String {
         Some(thickness) => format!("{} thick", engineering(thickness, "m")),
         None => "of varying thickness".into(),
     };
-    let size = match [number("length"), number("width")] {
-        [Some(length), Some(width)] => {
-            format!(", {} x {}", engineering(length, "m"), engineering(width, "m"))
-        }
-        _ => String::new(),
-    };
-    format!("{material}, {thickness}{size}")
+    let sides = number("length").zip(number("width")).map(<[f64; 2]>::from).or(extent);
+    let size = sides.map(|sides| sides.map(|side| engineering(side, "m")).join(" x "));
+    [material, thickness].into_iter().chain(size).collect::<Vec<_>>().join(", ")
 }
 
 /// Returns the supports, grouped by kind.
@@ -162,13 +159,16 @@ fn loads(scene: &Value) -> Vec<String> {
     let mut parts = Vec::new();
     let mut add = |what: &str, value: &Value, unit: &str| match value.as_f64() {
         Some(0.0) => {}
-        Some(number) => parts.push(format!("{what} {}", engineering(number, unit))),
+        Some(number) => parts.push(format!("{what} of {}", engineering(number, unit))),
         None if value.is_null() => {}
-        None => parts.push(format!("{what} by a formula or a table")),
+        None => {
+            let law = if value.is_string() { "formula" } else { "table" };
+            parts.push(format!("{what} by a {law}"));
+        }
     };
-    add("pressure", &scene["load"]["pressure"], "Pa");
-    add("bent at the start by", &scene["initial"]["static_pressure"], "Pa");
-    add("thrown at", &scene["initial"]["velocity"], "m/s");
+    add("under a pressure", &scene["load"]["pressure"], "Pa");
+    add("bent at the start by a pressure", &scene["initial"]["static_pressure"], "Pa");
+    add("starts with a velocity", &scene["initial"]["velocity"], "m/s");
     if list(&scene["load"], "force").next().is_some() {
         parts.push("point forces".into());
     }

@@ -59,7 +59,7 @@ pub(crate) fn page_of_two(runs: &[RunFolder; 2], path: &Path) -> Result<String> 
     let mut head = String::new();
     for ((name, run), scene) in ["A", "B"].into_iter().zip(runs).zip(scenes) {
         let folder = escaped(&run.folder.to_string_lossy());
-        head += &format!("<p class=\"plate\"><b>{name}</b> ({folder}): {}.</p>\n", plate(scene));
+        head += &format!("<p class=\"plate\"><b>{name}</b> ({folder}): {}.</p>\n", plate(scene, None));
         head += &state(&run.summary);
     }
     let mut data = PageData::default();
