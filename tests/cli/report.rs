@@ -156,6 +156,10 @@ fn a_report_is_one_page_without_a_network() {
     let (set, every) = between(&page, "<dl class=\"scene\">", "</details>").split_once("Every key").unwrap();
     assert!(set.contains("step 1e-4 s") && !set.contains("restitution") && !set.contains("<dt>Solver"));
     assert!(every.contains("restitution 0") && every.contains("<dt>Solver"));
+    // Pictures take the colours of the page, also in dark mode.
+    for ink in ["fill=\"#FFFFFF\"", "fill=\"#000000\"", "stroke=\"#000000\""] {
+        assert!(modes.contains(ink) && page.contains(&format!(".picture [{ink}]{{")), "{ink}");
+    }
     // Pictures have names of their own.
     let mut names: Vec<&str> =
         page.split("<clipPath id=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
