@@ -302,6 +302,11 @@ fn a_report_begins_with_what_the_plate_is() {
     assert!(told.iter().all(|words| sentence.contains(words)), "{sentence}");
     // The moving view shows the rubber through the plate, and says so.
     assert!(page.contains("white ones lie behind the plate"));
+    // Pictures too long for the page as SVG are there as PNG of moderate size.
+    let images = page.split("src=\"data:image/png;base64,").skip(1);
+    let lengths: Vec<usize> = images.map(|rest| rest.split('"').next().unwrap().len()).collect();
+    assert!(!lengths.is_empty() && lengths.iter().all(|length| *length <= 400_000), "{lengths:?}");
+    assert!(page.contains("(plots/snapshots.svg)") && !page.contains("Left out for their size"));
     // Every stop has a picture of its forces, also where contacts are not told apart.
     for words in ["force of rubber", "force of obstacle_2", "force of obstacle_3", "of ball_1"] {
         assert!(page.contains(words), "{words}");

@@ -13,6 +13,8 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
+/// Dots per inch of files in PNG.
+const DOTS_PER_INCH: f32 = 400.0;
 /// Widths of a journal's column (85 mm) and page (180 mm), in points.
 const COLUMN: f64 = 240.94;
 const PAGE: f64 = 510.24;
@@ -324,7 +326,7 @@ impl Key<'_> {
 fn write_both(path: &Path, svg: &str) -> Result<()> {
     let png_path = path.with_extension("png");
     write_in_folder(&path.with_extension("svg"), svg.as_bytes())?;
-    write_atomic(&png_path, &png(svg, &png_path)?)
+    write_atomic(&png_path, &png(svg, DOTS_PER_INCH, &png_path)?)
 }
 
 fn write_in_folder(path: &Path, bytes: &[u8]) -> Result<()> {

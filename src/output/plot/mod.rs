@@ -36,8 +36,8 @@ use std::path::Path;
 pub use axis::{Axis, short};
 pub use layout::Figure;
 pub use panel::{Bar, Curve, Obstacle, Panel, Ramp};
-pub(in crate::output) use paper::escaped;
 pub use paper::{Color, Pen};
+pub(in crate::output) use paper::{escaped, png};
 
 /// Name of the folder of plots in the run folder.
 pub const FOLDER: &str = "plots";

@@ -16,8 +16,6 @@ pub(super) type At = [f64; 2];
 
 /// Points per millimetre.
 const POINTS_PER_MM: f64 = 72.0 / 25.4;
-/// Pixels per point at 400 dots per inch.
-const PIXELS_PER_POINT: f32 = 400.0 / 72.0;
 /// Limit on coordinates, far outside any figure.
 const FAR: f64 = 1e4;
 
@@ -242,11 +240,11 @@ impl Canvas {
     }
 }
 
-/// Renders an SVG of [`Canvas`] as PNG with 400 dots per inch; `path` appears in errors.
-pub(super) fn png(svg: &str, path: &Path) -> Result<Vec<u8>> {
+/// Renders an SVG of [`Canvas`] as PNG with a number of dots per inch; `path` appears in errors.
+pub(in crate::output) fn png(svg: &str, dots_per_inch: f32, path: &Path) -> Result<Vec<u8>> {
     // SVG has 96 pixels per inch.
-    let (size, rgb) = rgb(svg, PIXELS_PER_POINT * 72.0 / 96.0, path)?;
-    let per_metre = (f64::from(PIXELS_PER_POINT) * POINTS_PER_MM * 1e3).round() as u32;
+    let (size, rgb) = rgb(svg, dots_per_inch / 96.0, path)?;
+    let per_metre = (dots_per_inch / 0.0254).round() as u32;
     let mut bytes = Vec::new();
     let mut encoder = encoder(&mut bytes, size);
     encoder.set_pixel_dims(Some(PixelDimensions { xppu: per_metre, yppu: per_metre, unit: Unit::Meter }));

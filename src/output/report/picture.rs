@@ -2,6 +2,14 @@
 
 use super::html::{escaped, section};
 use crate::output::plot;
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use std::path::Path;
+
+/// Dots per inch of a picture whose SVG is too long for the page.
+const DOTS_PER_INCH: f32 = 200.0;
+/// Largest size of such a picture as PNG, in bytes.
+const MOST_PNG_BYTES: usize = 300_000;
 
 /// Names of the pictures of sweeps and studies, or their beginnings, with what they show.
 const CAPTIONS: [(&str, &str); 12] = [
@@ -31,22 +39,27 @@ fn caption(name: &str) -> String {
 }
 
 /// Returns the section of pictures, given by the names of their files in `plots/` and their texts
-/// as SVG: the first ones, up to `most` bytes, and the names of the others. `open` and `close` are
-/// the tags around them, `remedy` tells where the others are.
+/// as SVG: the first ones, up to `most` bytes, others as PNG where that is small, and the names of
+/// the rest. `open` and `close` are the tags around them, `remedy` tells where the rest is.
 pub(super) fn pictures<'p>(
     pictures: impl IntoIterator<Item = &'p (String, String)>,
     most: usize,
     [open, close]: [&str; 2],
     remedy: &str,
 ) -> String {
-    let (mut html, mut left_out) = (String::new(), Vec::new());
+    let (mut html, mut left_out, mut length) = (String::new(), Vec::new(), 0);
     for (name, svg) in pictures {
-        let svg = compact(svg, name);
-        if html.len() + svg.len() > most {
-            left_out.push(format!("plots/{name}.svg"));
-            continue;
+        let short = compact(svg, name);
+        let drawn = if length + short.len() <= most {
+            length += short.len();
+            Some(short)
+        } else {
+            as_png(svg, name)
+        };
+        match drawn {
+            Some(drawn) => html += &figure(&drawn, &format!("{} (plots/{name}.svg)", caption(name))),
+            None => left_out.push(format!("plots/{name}.svg")),
         }
-        html += &figure(&svg, &format!("{} (plots/{name}.svg)", caption(name)));
     }
     if !left_out.is_empty() {
         let names = escaped(&left_out.join(", "));
@@ -55,7 +68,14 @@ pub(super) fn pictures<'p>(
     section("pictures", "", "Pictures", &format!("{open}{html}{close}"))
 }
 
-/// Returns a picture, as SVG, with its caption.
+/// Renders a picture, given as SVG, for the page; `None` where it is too large.
+fn as_png(svg: &str, name: &str) -> Option<String> {
+    let png = plot::png(svg, DOTS_PER_INCH, Path::new(name)).ok()?;
+    let tag = || format!("<img alt=\"\" src=\"data:image/png;base64,{}\">", STANDARD.encode(&png));
+    (png.len() <= MOST_PNG_BYTES).then(tag)
+}
+
+/// Returns a picture, as SVG or as an image, with its caption.
 pub(super) fn figure(svg: &str, caption: &str) -> String {
     let caption = escaped(caption);
     format!(
