@@ -22,7 +22,7 @@ bounded_solver! {
 }
 
 impl<'a> Snes<'a> {
-    /// Works as [`Ksp::default_to_cholesky`] for the solver's linear systems. Collective.
+    /// Works as [`super::Ksp::default_to_cholesky`] for the solver's linear systems. Collective.
     ///
     /// # Errors
     /// Returns [`crate::Error::Petsc`] where PETSc reports an error.
