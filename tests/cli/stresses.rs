@@ -65,7 +65,8 @@ fn envelope_snapshots_and_pictures() {
     let picture = std::fs::read_to_string(run.join("plots/extremes.svg")).unwrap();
     let place = [0, 1].map(|axis| summary(&run)["extremes"]["von_mises"]["at"][axis].as_f64().unwrap());
     let time = summary(&run)["extremes"]["von_mises"]["time"].as_f64().unwrap();
-    let told = format!(" at {}, {}", text::place_in(place, 1.0, "m"), text::engineering(time, "s"));
+    let time = text::typeset(&text::engineering(time, "s"));
+    let told = format!(" at {}, {time}", text::place_in(place, 1.0, "m"));
     assert!(picture.contains(&told), "place and time of the largest stress, in the unit of the axes");
     let bar = "von Mises stress (MPa)";
     assert!(picture.contains(bar) && picture.contains("of all steps"), "{picture}");
