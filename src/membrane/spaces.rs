@@ -98,7 +98,7 @@ fn holds(mesh: &Mesh, supports: &[InPlaneSupport]) -> Result<[Vec<NodeConstraint
 /// Returns the place of the first node in the order of x and y, and whether each node of this
 /// process is that one. Collective.
 ///
-/// Multigrid needs a node that the coarsest mesh has too, as it has this one.
+/// Every mesh of multigrid has this node, the coarsest one too.
 fn first_node<P: Partition>(mesh: &Mesh, partition: &P) -> Result<(Point, Vec<bool>)> {
     let order = |a: &Point, b: &Point| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y));
     let nodes = (0..mesh.nodes.len()).filter(|&node| partition.owns_node(node));

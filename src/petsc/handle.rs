@@ -21,7 +21,7 @@ macro_rules! handle {
             }
 
             /// Wraps an object that PETSc only lent, and adds a reference to it.
-            #[allow(dead_code)] // PETSc lends most kinds of object, not all.
+            #[allow(dead_code)] // PETSc lends some kinds of object, not all.
             pub(super) fn sharing(
                 raw: $crate::petsc::sys::$raw,
                 context: &std::rc::Rc<$crate::petsc::Context>,

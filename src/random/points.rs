@@ -1,4 +1,4 @@
-//! DrawnPoints of random sweeps: for each run one number in (0, 1) per random key, of which the
+//! Points of random sweeps: for each run one number in (0, 1) per random key, of which the
 //! distributions make values.
 //!
 //! A point depends on the seed, the number of its run and the number of keys; a Latin hypercube
@@ -65,7 +65,7 @@ impl PointSet {
     }
 }
 
-/// DrawnPoints of the runs of a sweep, each made when it is asked for.
+/// Points of the runs of a sweep, each made when it is asked for.
 pub struct DrawnPoints {
     source: PointSource,
     seed: u64,

@@ -16,7 +16,7 @@ pub(super) struct Quantity<'q> {
 }
 
 impl Quantity<'_> {
-    /// Returns the value of a row, if it has one.
+    /// Returns the number of a row; `None` where its run failed or lacks the measure.
     pub fn of_row(&self, row: &SweepRow) -> Option<f64> {
         row.measures.as_ref().and_then(&self.value)
     }

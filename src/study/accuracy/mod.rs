@@ -144,7 +144,7 @@ pub fn study(
                 _ => take_at_once(base, study, together, interval),
             };
             for (case, taken) in together.iter().zip(taken) {
-                // What a scheme cannot take is told once, not at every step.
+                // A scheme and mass that cannot take the scene are told once, not at every step.
                 if let Err(Error::Usage(why)) = &taken {
                     let what = format!("{}, {}", mesh_name(&grid), case.method);
                     leave_out(&mut accuracy.dropped, what, why);

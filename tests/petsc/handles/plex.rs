@@ -140,8 +140,8 @@ fn dofs(arguments: &[String]) -> Result<()> {
         assert_eq!(f64::from((*dof).max(-1)), value);
     }
     for vertex in vertices.clone() {
-        let at = section.offset(vertex)? as usize;
-        let free = map[at..at + 3].iter().copied().filter(|&dof| dof >= 0).collect::<Vec<_>>();
+        let first = section.offset(vertex)? as usize;
+        let free = map[first..first + 3].iter().copied().filter(|&dof| dof >= 0).collect::<Vec<_>>();
         assert_eq!(free, (free[0]..free[0] + free.len() as Index).collect::<Vec<_>>());
     }
 
@@ -151,8 +151,8 @@ fn dofs(arguments: &[String]) -> Result<()> {
     let mut counts = vec![0.0; local.local_size()];
     for cell in mesh.cells() {
         for vertex in mesh.corners(cell)? {
-            let at = section.offset(vertex)? as usize;
-            for dof in at..at + 3 {
+            let first = section.offset(vertex)? as usize;
+            for dof in first..first + 3 {
                 counts[dof] += 1.0;
                 rows.push(map[dof]);
                 values.push(1.0);
