@@ -322,12 +322,15 @@ fn runs_settle_on_the_branch() {
     const FADING: f64 = 90.0;
     let stops = "obstacle = [{ side = \"below\", height = -1e-3, where = \"x > 0.16\", stiffness = 1e5 }, \
                  { side = \"above\", height = 1e-3, where = \"x > 0.16\", stiffness = 1e5 }]\n";
-    // Starts of the tip in m, under a pressure in Pa, at 23 Hz and a damping of 6 / s.
-    let starts =
-        [10.0, 12.0, 14.0, 18.0].map(|pressure| [-4e-3, 4e-3].map(|start| (23.0, start, pressure, 6.0)));
     let mut large = Vec::new();
-    for (frequency, start, amplitude, damping) in [&[(21.5, 0.0, 30.0, 20.0)], starts.as_flattened()].concat()
-    {
+    // Frequency in Hz, tip at the start in m, pressure in Pa, damping in 1/s.
+    for (frequency, start, amplitude, damping) in [
+        (21.5, 0.0, 30.0, 20.0),
+        (23.0, 0.0, 14.0, 6.0),
+        (23.0, -2e-3, 14.0, 6.0),
+        (23.0, -2e-3, 12.0, 6.0),
+        (23.0, 4e-3, 12.0, 6.0),
+    ] {
         let given =
             format!("{stops}damping.mass = {damping:?}\n[initial]\ndeflection = \"{start:?}*(x/0.2)^2\"\n");
         let text = |frequency: f64| strip("fvs", 6, &(pressure(amplitude, frequency) + &given));
@@ -344,5 +347,5 @@ fn runs_settle_on_the_branch() {
         let name = format!("half the range at {frequency} Hz and {amplitude} Pa from {start} m");
         close(&name, 0.5 * (high - low), row.amplitude(0), 1e-6);
     }
-    assert_eq!(large, [true, true, false, true, false, true, true, true, true]);
+    assert_eq!(large, [true, false, true, true, false]);
 }
