@@ -126,23 +126,39 @@ fn moment(moment: &Value) -> Option<f64> {
     Some(moment[0].as_f64()?.hypot(moment[1].as_f64()?)).filter(|moment| *moment > 0.0)
 }
 
-/// Returns how damping, the dashpots of stops and friction share an energy lost, in J, in
-/// parentheses; empty where the scheme keeps no ledger of them.
+/// Returns how damping, the dashpots of stops, friction and impacts share an energy lost, in J, in
+/// parentheses; empty where nothing but what is left of it is known.
 fn shares(lost: f64, summary: &Value) -> String {
-    let ledger = ["dissipated", "dissipated_by_stops"].map(|key| summary["relaxation"][key].as_f64());
-    let by_friction = summary["dissipated"].as_object().into_iter().flatten();
-    let by_friction: f64 = by_friction.filter_map(|(_, heat)| heat.as_f64()).sum();
-    let [damping, stops] = match ledger {
-        [Some(taken), Some(stops)] if (taken + by_friction - lost).abs() <= ROUNDING * lost => {
-            [taken - stops, stops]
-        }
-        _ => [0.0; 2],
+    let damped = ["obstacle", "ball"].into_iter().flat_map(|kind| {
+        let items = summary["scene"][kind].as_array().into_iter().flatten().zip(1..);
+        let damped = items.filter(|(item, _)| item["damping"].as_f64().is_some_and(|damping| damping > 0.0));
+        damped.map(move |(item, k)| item["name"].as_str().map_or(format!("{kind}_{k}"), str::to_owned))
+    });
+    let damped: Vec<String> = damped.collect();
+    let [mut stops, mut friction] = [0.0; 2];
+    for (name, heat) in summary["dissipated"].as_object().into_iter().flatten() {
+        *if damped.contains(name) { &mut stops } else { &mut friction } += heat.as_f64().unwrap_or(0.0);
+    }
+    let rest = lost - stops - friction;
+    // The ledger of a scheme that loses nothing itself has damping and stops.
+    let ledger = summary["relaxation"]["dissipated"].as_f64();
+    let is_damped = ["damping", "dashpot"].iter().any(|key| !summary["scene"][key].is_null());
+    let others = match ledger {
+        Some(taken) if (taken + friction - lost).abs() <= ROUNDING * lost => "by damping",
+        _ if stops + friction == 0.0 => return String::new(),
+        _ if is_damped => "by damping and impacts",
+        _ => "by impacts",
     };
-    let parts = [(damping, "damping"), (stops, "stops"), (by_friction, "friction")].into_iter();
-    let parts: Vec<String> = parts
-        .filter(|(part, _)| *part > EQUAL * lost)
-        .map(|(part, by)| format!("{} by {by}", engineering(part, "J")))
-        .collect();
+    // A scheme that gains energy at impacts loses less than the stops take.
+    let gained = if -rest > TINY * lost { -rest } else { 0.0 };
+    let parts = [
+        (rest, others),
+        (stops, "by stops"),
+        (friction, "by friction"),
+        (gained, "less that the scheme gained"),
+    ];
+    let parts = parts.into_iter().filter(|(part, _)| *part > EQUAL * lost);
+    let parts: Vec<String> = parts.map(|(part, by)| format!("{} {by}", engineering(part, "J"))).collect();
     if parts.is_empty() { String::new() } else { format!(" ({})", parts.join(", ")) }
 }
 
@@ -191,6 +207,27 @@ mod tests {
         assert!(places[0].is_some() && places.is_sorted(), "{answers:?}");
         assert_eq!(answers.iter().filter(|answer| answer.is_support).count(), 1);
         assert!(answers.last().is_some_and(|answer| answer.text.starts_with("2 more")), "{answers:?}");
+    }
+
+    #[test]
+    fn a_loss_is_told_by_who_took_it() {
+        let told = |lost: f64, scene, ledger: Option<f64>| {
+            let dissipated = json!({ "obstacle_2": 0.5, "rail": 0.25 });
+            super::shares(
+                lost,
+                &json!({ "dissipated": dissipated, "scene": scene, "relaxation":
+                { "dissipated": ledger } }),
+            )
+        };
+        let stops = json!([{ "name": "rail" }, { "damping": 3.0 }]);
+        let scene = json!({ "obstacle": stops, "damping": { "mass": 1.0 } });
+        let undamped = json!({ "obstacle": stops });
+        let taken = "500 mJ by stops, 250 mJ by friction";
+        assert_eq!(told(1.0, scene.clone(), Some(0.75)), format!(" (250 mJ by damping, {taken})"));
+        assert_eq!(told(1.0, scene, None), format!(" (250 mJ by damping and impacts, {taken})"));
+        assert_eq!(told(1.0, undamped.clone(), None), format!(" (250 mJ by impacts, {taken})"));
+        assert_eq!(told(0.7, undamped, None), format!(" ({taken}, 50 mJ less that the scheme gained)"));
+        assert_eq!(super::shares(1.0, &json!({})), "");
     }
 
     #[test]

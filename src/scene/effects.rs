@@ -106,6 +106,14 @@ impl Scene {
         self.obstacles.iter().position(|obstacle| obstacle.positive_friction().is_some())
     }
 
+    /// Returns whether each obstacle, then each ball, has friction or a dashpot.
+    pub fn dissipating_obstacles(&self) -> impl Iterator<Item = bool> {
+        let is_damped = |stop: Option<Compliance>| stop.is_some_and(|stop| stop.damping > 0.0);
+        let obstacles = self.obstacles.iter();
+        let obstacles = obstacles.map(move |on| on.positive_friction().is_some() || is_damped(on.compliance));
+        obstacles.chain(self.attachments.balls.iter().map(move |ball| is_damped(ball.compliance)))
+    }
+
     /// Returns whether a ball touches the plate without a stiffness of its own.
     pub fn has_rigid_ball(&self) -> bool {
         self.attachments.balls.iter().any(|ball| ball.compliance.is_none())

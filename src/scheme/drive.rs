@@ -193,6 +193,10 @@ pub struct TimeDependence {
 pub struct ViscousTip {
     /// Index of its bound.
     pub bound: usize,
+    /// Dofs of the node, or of the gap of a ball, and of the tip.
+    pub dofs: [usize; 2],
+    /// Index of its obstacle; balls come after the obstacles.
+    pub obstacle: usize,
     /// Stiffness, in N/m.
     pub stiffness: f64,
     /// Damping, in N s/m.

@@ -43,6 +43,7 @@ mod sliding;
 mod solution;
 mod state;
 mod step_driver;
+mod stop_dashpots;
 
 pub use balance::{ForcesOfDeflection, StepBalance};
 pub use conserving::{Conserving, RelaxationStatistics};
@@ -314,8 +315,8 @@ pub trait Scheme: Solution {
         Vec::new()
     }
 
-    /// Returns the energy that the friction of each obstacle has dissipated, in J, of all ranks;
-    /// empty where no obstacle has friction.
+    /// Returns the energy that friction and dashpots of each obstacle, then of each ball, have
+    /// dissipated, in J, of all ranks; shorter where the last ones, or all, have neither.
     fn dissipated_by_obstacles(&self) -> Vec<f64> {
         Vec::new()
     }

@@ -274,10 +274,15 @@ impl<E: Engine> Levels<'_, E> {
         Ok(())
     }
 
-    /// Adds work and heat of the friction of obstacles up to instant n, given its step. Collective.
-    fn add_friction(&self, n: u64, driver: &mut StepDriver<E>) {
-        let StepDriver { friction: Some(friction), x, .. } = driver else { return };
-        friction.add_instant(n, &self.system.engine, |dof| self.d_n[dof] + (self.d_n[dof] + x[dof]));
+    /// Adds work and heat of the friction and of the dashpots of obstacles up to instant n, given
+    /// its step. Collective.
+    fn add_heat(&self, n: u64, driver: &mut StepDriver<E>) {
+        let StepDriver { friction, dashpots, x, .. } = driver;
+        let (engine, twice) = (&self.system.engine, |dof: usize| self.d_n[dof] + (self.d_n[dof] + x[dof]));
+        friction.iter_mut().for_each(|friction| friction.add_instant(n, engine, twice));
+        let shares = if n > 0 { [0.5; 2] } else { [0.0; 2] };
+        let mean = |dof| 0.5 * twice(dof);
+        dashpots.iter_mut().for_each(|dashpots| dashpots.add(engine, mean, self.parameters.step, shares));
     }
 
     /// Adds the work of the time-dependent data up to instant n, given the unknown of its step.

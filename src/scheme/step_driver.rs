@@ -15,6 +15,7 @@ use super::drive::ModalDamping;
 use super::feedback::Feedback;
 use super::quadratisation::{RankOne, RootSearch};
 use super::sliding::Sliding;
+use super::stop_dashpots::StopDashpots;
 use super::{StepBalance, StepRecord, System};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
@@ -71,6 +72,8 @@ pub(super) struct StepDriver<'s, E: Engine> {
     pub sliding: Option<Sliding>,
     /// Friction of obstacles; `None` where none has any.
     pub friction: Option<CoulombFriction<'s>>,
+    /// Dashpots of stops; `None` where no rank has any.
+    pub dashpots: Option<StopDashpots<'s>>,
     /// Bounds on x, in m.
     bounds: Bounds,
     /// Modal velocities of the last step, present after the first step with modal damping.
@@ -111,6 +114,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             root_search: RootSearch::default(),
             sliding: None,
             friction: None,
+            dashpots: StopDashpots::new(system),
             bounds: bounds.clone(),
             modal_velocities: None,
             damped: None,
@@ -199,6 +203,17 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         self.friction.as_ref().map_or(Vec::new(), CoulombFriction::heat)
     }
 
+    /// Returns the energy that friction and dashpots of each obstacle have dissipated, in J.
+    pub fn heat(&self) -> Vec<f64> {
+        let mut heat = self.friction_heat();
+        let taken = self.dashpots.iter().flat_map(StopDashpots::taken);
+        taken.enumerate().for_each(|(obstacle, taken)| {
+            heat.resize(heat.len().max(obstacle + 1), 0.0);
+            heat[obstacle] += taken;
+        });
+        heat
+    }
+
     /// Returns the dofs of this rank's slopes that friction holds, each with its rate in a step of
     /// `dt` seconds.
     pub fn stuck_slopes(&self, dt: f64) -> Vec<(usize, f64)> {
@@ -211,6 +226,15 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let engine = &self.system.engine;
         let friction = self.friction.iter_mut();
         friction.for_each(|friction| friction.add_step(engine, |dof| to[dof] - from[dof], gamma));
+    }
+
+    /// Adds the energy that dashpots of stops take to the ledger, in a step of `dt` seconds that
+    /// leads from one displacement to another (m). Collective.
+    pub fn add_dashpots(&mut self, dt: f64, [from, to]: [&[f64]; 2]) {
+        let dashpots = self.dashpots.iter_mut();
+        dashpots.for_each(|dashpots| {
+            dashpots.add(&self.system.engine, |dof| to[dof] - from[dof], dt, [0.0, 1.0]);
+        });
     }
 
     /// Writes the moments of friction in the last step into a balance.
@@ -436,6 +460,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
         let bounds = self.bounds.len();
         self.sliding.as_mut().map_or(Ok(()), |sliding| sliding.archive(bounds, archive))?;
         self.friction.as_mut().map_or(Ok(()), |friction| friction.archive(bounds, archive))?;
+        self.dashpots.as_mut().map_or(Ok(()), |dashpots| dashpots.archive(archive))?;
         self.solver.archive(&self.system.engine, &self.matrix, &self.system.bounds, archive)
     }
 

@@ -45,7 +45,7 @@ pub struct EnergySpan {
     /// Work of loads, moving obstacles and moving supports from the start to the last row, in J.
     pub put_in: f64,
     /// Energy lost up to the last row, in J: `put_in` and `stored` at the start less that at the
-    /// last row. Damping and dashpots take it, and in contact dissipative schemes.
+    /// last row. Damping, stops and friction take it, and in contact dissipative schemes.
     pub lost: f64,
 }
 
@@ -181,8 +181,8 @@ pub struct Outcome {
     /// Forces by obstacle and named support.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub forces: BTreeMap<String, NamedForce>,
-    /// Energy that each slider and each obstacle with friction has dissipated, in J, by its name or
-    /// key.
+    /// Energy that each slider, and the friction and dashpots of each obstacle, have dissipated, in
+    /// J, by its name or key.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub dissipated: BTreeMap<String, f64>,
     /// Largest relative KKT residual of all steps.

@@ -92,10 +92,9 @@ fn run_from<E: Engine>(
     outcome.forces = monitor.forces.summary(scheme.time());
     let dissipated = model.friction(scene, scheme).into_iter();
     outcome.dissipated = scene.slider_names().zip(dissipated.map(|[_, dissipated]| dissipated)).collect();
-    let of_obstacles =
-        scene.obstacles.iter().zip(monitor.forces.obstacles()).zip(scheme.dissipated_by_obstacles());
-    let with_friction = of_obstacles.filter(|((obstacle, _), _)| obstacle.positive_friction().is_some());
-    outcome.dissipated.extend(with_friction.map(|((_, name), heat)| (name.to_owned(), heat)));
+    let heats = monitor.forces.obstacles().zip(scheme.dissipated_by_obstacles());
+    let heats = heats.zip(scene.dissipating_obstacles()).filter(|(_, dissipates)| *dissipates);
+    outcome.dissipated.extend(heats.map(|((name, heat), _)| (name.to_owned(), heat)));
     let Statistics { factorisations, relaxation, events, stretching_gap } = scheme.statistics();
     (outcome.factorisations, outcome.relaxation, outcome.tally) = (factorisations, relaxation, events);
     outcome.stretching_gap = stretching_gap;

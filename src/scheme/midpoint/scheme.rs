@@ -244,6 +244,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
         self.midpoints[0].copy_from_slice(&record.admissible);
         self.work += rule.work(now, next)?;
         rule.driver.add_friction(1.0, [&now.u, &next.u]);
+        rule.driver.add_dashpots(rule.dt, [&now.u, &next.u]);
         std::mem::swap(now, next);
         self.work += now.follow_supports(self.system, &self.support_velocities, record.time())?;
         if let Some(balance) = &mut self.balance {
@@ -259,7 +260,7 @@ impl<E: Engine> Scheme for Midpoint<'_, E> {
     }
 
     fn dissipated_by_obstacles(&self) -> Vec<f64> {
-        self.rule.driver.friction_heat()
+        self.rule.driver.heat()
     }
 
     /// Keeps the balance at the start: that of [`Massless::Equilibrium`] at `$U^0$`, or of the

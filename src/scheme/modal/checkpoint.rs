@@ -22,6 +22,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         }
         archive.value(&mut self.length)?;
         archive.value(&mut self.relaxation)?;
+        archive.value(&mut self.tips.taken)?;
         self.archive_candidates(archive)?;
         let ModalScheme { system, modes, global, now, before, implicit, mean_balance, .. } = self;
         let coordinates = Coordinates::new(system, modes, global);

@@ -354,6 +354,10 @@ impl<E: Engine> Scheme for ModalScheme<'_, E> {
         }
     }
 
+    fn dissipated_by_obstacles(&self) -> Vec<f64> {
+        self.tips.taken.clone()
+    }
+
     fn has_mean_reactions(&self) -> bool {
         self.newmark_parameters().is_none()
     }

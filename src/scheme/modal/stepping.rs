@@ -220,7 +220,7 @@ impl<E: Engine> ModalScheme<'_, E> {
 
     /// Adds an accepted step to the work and the statistics.
     fn note_step(&mut self, gamma: f64, [received, dissipated]: [f64; 2], obstacles: f64) {
-        let dashpots = self.tips.dissipated(&self.now, self.span);
+        let dashpots = self.tips.take(&self.now, self.span);
         self.balance.work += gamma * (received + obstacles);
         self.relaxation.note(gamma, gamma * dissipated + dashpots, true);
         self.relaxation.dissipated_by_stops += dashpots;

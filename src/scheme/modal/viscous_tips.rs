@@ -42,8 +42,12 @@ pub(super) struct ViscousTips {
     /// Stiffness k (N/m) and rate k / c (1/s) of each bound of all ranks, infinite without damping;
     /// empty where no stop is damped.
     every: Vec<[f64; 2]>,
+    /// Index of the obstacle of each bound of all ranks.
+    obstacles: Vec<usize>,
     /// Damped tips among the candidates.
     near: Vec<Tip>,
+    /// Energy that the dashpots of each obstacle have taken, in J.
+    pub taken: Vec<f64>,
 }
 
 /// Damped tip at the begin of a step.
@@ -51,6 +55,8 @@ pub(super) struct ViscousTips {
 struct Tip {
     /// Index of the candidate.
     candidate: usize,
+    /// Index of the obstacle.
+    obstacle: usize,
     /// Stiffness k, in N/m, and rate k / c, in 1/s.
     stiffness: f64,
     rate: f64,
@@ -143,10 +149,14 @@ impl ViscousTips {
             tips.iter().for_each(|tip| values[tip.bound] = value(tip));
             global.gather(system.engine.comm(), values)
         };
+        // Infinite numbers of bounds without dashpots are never asked for.
+        let obstacles: Vec<usize> =
+            gather(|tip| tip.obstacle as f64).into_iter().map(|k| k as usize).collect();
+        let last = obstacles.iter().filter(|k| **k < usize::MAX).max();
         let stiffnesses = gather(|tip| tip.stiffness);
         let rates = gather(|tip| tip.stiffness / tip.damping);
         let every = stiffnesses.into_iter().zip(rates).map(|(stiffness, rate)| [stiffness, rate]).collect();
-        ViscousTips { every, near: Vec::new() }
+        ViscousTips { every, near: Vec::new(), taken: vec![0.0; last.map_or(0, |last| last + 1)], obstacles }
     }
 
     /// Returns whether any stop is damped.
@@ -162,7 +172,7 @@ impl ViscousTips {
         }
         let tip = |(candidate, &number): (usize, &usize)| {
             let [stiffness, rate] = self.every[number];
-            Tip { candidate, stiffness, rate, lag: 0.0, reaction: 0.0 }
+            Tip { candidate, obstacle: self.obstacles[number], stiffness, rate, lag: 0.0, reaction: 0.0 }
         };
         self.near = candidates.iter().enumerate().map(tip).filter(|tip| tip.rate.is_finite()).collect();
         for State { lags, .. } in states {
@@ -232,6 +242,14 @@ impl ViscousTips {
         self.near.iter().map(|tip| tip.dissipated(state.reaction[tip.candidate], seconds)).sum()
     }
 
+    /// Adds the energy of [`ViscousTips::dissipated`] to the ledger, and returns it.
+    pub fn take(&mut self, state: &State, seconds: f64) -> f64 {
+        for tip in &self.near {
+            self.taken[tip.obstacle] += tip.dissipated(state.reaction[tip.candidate], seconds);
+        }
+        self.dissipated(state, seconds)
+    }
+
     /// Returns what the dashpots add to the derivative of the energy with respect to gamma, in J,
     /// in a step of `length` (s). The dofs in contact have the derivatives `rises` of bounds less
     /// deflections without reactions, in m.
@@ -261,7 +279,7 @@ impl ViscousTips {
 mod tests {
     use super::*;
 
-    const TIP: Tip = Tip { candidate: 0, stiffness: 3.0, rate: 7.0, lag: 0.02, reaction: 0.4 };
+    const TIP: Tip = Tip { candidate: 0, obstacle: 0, stiffness: 3.0, rate: 7.0, lag: 0.02, reaction: 0.4 };
 
     /// Steps of Euler's scheme for the lag, and the energy that the dashpot takes meanwhile.
     fn in_small_steps(reaction: f64, seconds: f64) -> [f64; 2] {

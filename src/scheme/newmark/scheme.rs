@@ -77,7 +77,7 @@ impl<'s, E: Engine> Newmark<'s, E> {
         levels.store(&record.admissible, driver.sliding.as_ref())?;
         levels.stored[0] = at_start;
         levels.account(0, &driver.x, &driver.reaction)?;
-        levels.add_friction(0, &mut driver);
+        levels.add_heat(0, &mut driver);
         let velocities = vec![0.0; system.engine.velocities(&system.mass)];
         let work = RefCell::new([vec![0.0; dofs], velocities]);
         Ok(Newmark { driver, levels, record, work })
@@ -197,7 +197,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
         self.levels.stretch(&self.driver.x, [1.0, 2.0])?;
         self.levels.store(&self.record.admissible, self.driver.sliding.as_ref())?;
         self.levels.account(self.record.step, &self.driver.x, &self.driver.reaction)?;
-        self.levels.add_friction(self.record.step, &mut self.driver);
+        self.levels.add_heat(self.record.step, &mut self.driver);
         Ok(())
     }
 
@@ -207,7 +207,7 @@ impl<E: Engine> Scheme for Newmark<'_, E> {
     }
 
     fn dissipated_by_obstacles(&self) -> Vec<f64> {
-        self.driver.friction_heat()
+        self.driver.heat()
     }
 
     /// Returns the balance of the equation of the step from `$U^n$`, which is that of the instant

@@ -75,6 +75,8 @@ pub(in crate::simulation) struct Link {
     /// Dof of a node's deflection, or of the gap of a body.
     pub body: usize,
     pub tip: usize,
+    /// Index of the obstacle; balls come after the obstacles.
+    pub obstacle: usize,
     /// Stiffness in N/m.
     pub stiffness: f64,
     /// Damping in N s/m.

@@ -71,10 +71,10 @@ pub(super) fn viscous_tips<P: Partition>(
     ground: &BuildContext<P>,
     bounded: &[DeflectionDof],
 ) -> Option<Vec<ViscousTip>> {
-    let tip = |&Link { tip, stiffness, damping, .. }: &Link| {
-        let dof = ground.partition.own_dof(tip)?;
-        let bound = bounded.binary_search_by_key(&dof, |site| site.dof).ok()?;
-        Some(ViscousTip { bound, stiffness, damping })
+    let tip = |&Link { body, tip, obstacle, stiffness, damping }: &Link| {
+        let [body, tip] = [body, tip].map(|dof| ground.partition.own_dof(dof));
+        let bound = bounded.binary_search_by_key(&tip?, |site| site.dof).ok()?;
+        Some(ViscousTip { bound, dofs: [body?, tip?], obstacle, stiffness, damping })
     };
     Some(ground.terms.damped_links(ground.comm())?.filter_map(tip).collect())
 }

@@ -2,6 +2,7 @@
 
 use crate::error::Result;
 use crate::partition::Partition;
+use crate::scene::Compliance;
 use crate::simulation::effects::contributions::{Body, Contributions, Link, PointEvaluation, PointTerm};
 use crate::simulation::effects::ground::BuildContext;
 
@@ -14,7 +15,9 @@ pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contribution
             PointEvaluation { free: spot.free.clone().with(gap, 1.0), of_shape: spot.of_shape.clone() };
         let tip = ground.ball_tip(number);
         if let Some((stop, tip)) = ball.compliance.zip(tip) {
-            sum.links.push(Link { body: gap, tip, stiffness: stop.stiffness, damping: stop.damping });
+            let obstacle = ground.scene.obstacles.len() + number;
+            let Compliance { stiffness, damping, .. } = stop;
+            sum.links.push(Link { body: gap, tip, obstacle, stiffness, damping });
         }
         sum.bodies.push(Body {
             number,

@@ -9,8 +9,8 @@ use crate::simulation::stops::Stop;
 /// Adds the stops at the nodes that this process owns.
 pub(super) fn add<P: Partition>(ground: &BuildContext<P>, sum: &mut Contributions) -> Result<()> {
     let tips = ground.tips().filter(|(stop, _)| ground.partition.owns_node(stop.node));
-    sum.links.extend(tips.filter_map(|(&Stop { node, stiffness, damping, .. }, tip)| {
-        Some(Link { body: ground.space.deflection(node)?, tip, stiffness, damping })
+    sum.links.extend(tips.filter_map(|(&Stop { obstacle, node, stiffness, damping }, tip)| {
+        Some(Link { body: ground.space.deflection(node)?, tip, obstacle, stiffness, damping })
     }));
     Ok(())
 }
