@@ -19,7 +19,7 @@ PAGE = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- weight: begin -->\n", "<!-- weight: end -->\n"
 
 # Largest total, in lines of code.
-LIMIT = 64_210
+LIMIT = 64_310
 
 # Difference up to which a row of the page counts as true: lines, and share of the row.
 TOLERANCE = (30, 0.05)
@@ -28,7 +28,7 @@ TOLERANCE = (30, 0.05)
 CAPABILITIES = {
     "Ground: errors, geometry, archives, hashes": [
         "archive.rs", "communicator.rs", "error.rs", "geometry.rs", "hash.rs", "input.rs", "lib.rs", "main.rs", "memory.rs",
-        "partition.rs",
+        "partition.rs", "quantity.rs",
     ],
     "Formulas of scenes": ["field"],
     "Elements": ["element"],

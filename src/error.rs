@@ -1,5 +1,6 @@
 //! Error type of the crate, the exit code of each case, and name suggestions for messages.
 
+use crate::quantity::{engineering, place, significant_digits};
 use std::path::PathBuf;
 
 /// Everything that can go wrong, with messages for the user.
@@ -39,7 +40,7 @@ pub enum Error {
         tolerance: f64,
     },
     /// NaN or infinity, reported at the step where it appears.
-    #[error("step {step}, t = {time:.9} s: {what} is not a finite number")]
+    #[error("step {step}, t = {}: {what} is not a finite number", engineering(*time, "s"))]
     NotFinite {
         /// Number of the step.
         step: u64,
@@ -80,7 +81,8 @@ pub enum Error {
     },
     /// Energy above the limit of the guard.
     #[error(
-        "step {step}, t = {time:.9} s: the energy is {ratio:.4} times {of}, past the guard of {limit}; {advice}"
+        "step {step}, t = {}: the energy is {} times {of}, past the guard of {limit}; {advice}",
+        engineering(*time, "s"), significant_digits(*ratio, 4)
     )]
     EnergyGuard {
         /// Number of the step.
@@ -95,6 +97,22 @@ pub enum Error {
         limit: f64,
         /// Advice to the user.
         advice: &'static str,
+    },
+    /// Load with a pole that the plate has passed.
+    #[error(
+        "t = {}: {key}: the plate was pulled in: at {} it has passed w = {}, where the formula has a pole; put an \
+         obstacle before it, or lower the load",
+        engineering(*time, "s"), place(*point), engineering(*w, "m")
+    )]
+    PulledIn {
+        /// Key of the load.
+        key: String,
+        /// Time of the step, in s.
+        time: f64,
+        /// Place of the point, in m.
+        point: [f64; 2],
+        /// Deflection at the pole, in m.
+        w: f64,
     },
     /// Checkpoint from which a run cannot be resumed.
     #[error("{0}")]
@@ -135,6 +153,7 @@ impl Error {
             Error::NotConverged { .. }
             | Error::NotFinite { .. }
             | Error::Events { .. }
+            | Error::PulledIn { .. }
             | Error::Unfinished(_)
             | Error::Petsc(_) => 3,
             Error::Io { .. } | Error::Checkpoint(_) => 4,

@@ -11,6 +11,7 @@
 //! | module | contents |
 //! |---|---|
 //! | [`error`] | the error type and its exit codes |
+//! | [`quantity`] | numbers and quantities as texts |
 //! | [`communicator`] | collective operations over all ranks, with the verbs of MPI |
 //! | [`memory`] | available memory, and refusal of work that does not fit |
 //! | [`random`] | pseudo-random numbers, distributions and points, the same on every machine |
@@ -93,6 +94,7 @@
 //! # Ok::<(), rebond::Error>(())
 //! ```
 
+pub mod quantity;
 pub mod error;
 pub mod communicator;
 pub mod memory;

@@ -33,6 +33,9 @@ pub struct MeasuredTable {
     pub rows: Table,
 }
 
+/// Width of the range that a pole lies in, relative to the deflection.
+const SAME: f64 = 1e-9;
+
 /// Field at one instant, as a function of place and deflection.
 pub struct OfDeflection<'f> {
     input: &'f FieldInput,
@@ -60,6 +63,23 @@ impl OfDeflection<'_> {
         let jet = self.field.jet(place, deflection);
         let Derivatives { value, first, second } = jet.map_err(|_| self.fault(deflection))?;
         Ok([value, first, second].map(|part| self.factor * part))
+    }
+
+    /// Returns a deflection between 0 and this one (m) at which the field has a pole at a place
+    /// (m), if any.
+    pub fn pole(&self, place: Point, deflection: f64) -> Option<f64> {
+        let mut parts = vec![[deflection.min(0.0), deflection.max(0.0)]];
+        while let Some([low, high]) = parts.pop() {
+            if self.field.range(place, low, high).magnitude().is_finite() {
+                continue;
+            }
+            let middle = 0.5 * (low + high);
+            if high - low <= SAME * deflection.abs() {
+                return Some(middle);
+            }
+            parts.extend([[low, middle], [middle, high]]);
+        }
+        None
     }
 
     fn fault(&self, deflection: f64) -> Error {

@@ -27,6 +27,13 @@ pub trait FollowingLoad {
     /// Returns the errors of its formula.
     fn work(&self, t: f64, u: &[f64]) -> Result<f64>;
 
+    /// Returns an error where a pole of the load, such as an electrode, lies between the flat plate
+    /// and a displacement (m) at an instant (s): no motion leads past it. Collective.
+    ///
+    /// # Errors
+    /// Returns [`crate::Error::PulledIn`].
+    fn refuse_poles(&self, t: f64, u: &[f64]) -> Result<()>;
+
     /// Returns whether the load at a displacement changes in time.
     fn changes(&self) -> bool;
 

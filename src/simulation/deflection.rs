@@ -7,14 +7,18 @@ use crate::communicator::Communicator;
 use crate::dof_map::PER_NODE;
 use crate::error::Result;
 use crate::linalg::{Engine, Form};
-use crate::scheme::{Solution, System};
+use crate::scheme::{Scheme, Solution, System};
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
 use std::rc::Rc;
 
-/// Number of instants per period of the lowest mode at which a run with the modal mass looks at
-/// all nodes: its steps compute no displacement. The peak of that mode is missed by 0.05 % at most.
+/// Least number of instants per period of the lowest mode at which a run with the modal mass looks
+/// at all nodes: its steps compute no displacement. It looks earlier where a node, at its present
+/// velocity, would come to the largest deflection so far.
 const PER_PERIOD: f64 = 100.0;
+
+/// Part of the time in which a node comes to the largest deflection until the next look.
+const SOONER: f64 = 0.5;
 
 /// Square of a rigid motion's frequency relative to the highest mode's, at most.
 const RIGID: f64 = 1e-9;
@@ -67,14 +71,38 @@ impl DeflectionSites {
         DeflectionSites { sites, motion: motion.clone() }
     }
 
+    /// Returns the deflection of each site (m) for displacements (m), or its velocity (m/s) for
+    /// rates, with the share of supports at these heights (m) or rates.
+    fn values(&self, u: &[f64], heights: &[f64]) -> Vec<f64> {
+        let shapes: Vec<(f64, &[f64])> = heights.iter().copied().zip(self.motion.shapes()).collect();
+        let value = |&(dof, node, _): &(usize, usize, _)| {
+            shapes.iter().fold(u[dof], |sum, (height, shape)| sum + height * shape[PER_NODE * node])
+        };
+        self.sites.iter().map(value).collect()
+    }
+
+    /// Returns the deflections at the present instant of a scheme, in m.
+    fn deflections(&self, scheme: &dyn Solution) -> Result<Vec<f64>> {
+        let lifts = self.motion.lifts(scheme.time())?;
+        let heights: Vec<f64> = lifts.into_iter().map(|(height, _)| height).collect();
+        Ok(self.values(scheme.displacement(), &heights))
+    }
+
+    /// Returns the time in which the first node comes to a deflection of this size (m) at its
+    /// present velocity, in s.
+    fn time_to(&self, size: f64, scheme: &mut dyn Scheme) -> Result<f64> {
+        let rates = scheme.velocity()?;
+        let rates = self.values(&rates, &scheme.support_rates()?);
+        let time =
+            |(value, rate): (f64, f64)| (size - value.abs()).max(0.0) / (rate * value.signum()).max(0.0);
+        let times = self.deflections(scheme)?.into_iter().zip(rates).map(time);
+        Ok(times.fold(f64::INFINITY, f64::min))
+    }
+
     /// Returns the largest deflection at the present instant of a scheme.
     fn largest(&self, scheme: &dyn Solution) -> Result<LargestDeflection> {
-        let (u, time) = (scheme.displacement(), scheme.time());
-        let mut largest = LargestDeflection { value: 0.0, time, at: [0.0; 2] };
-        let lifts = self.motion.lifts(time)?;
-        for &(dof, node, place) in &self.sites {
-            let value =
-                lifts.iter().fold(u[dof], |sum, (height, shape)| sum + height * shape[PER_NODE * node]);
+        let mut largest = LargestDeflection { value: 0.0, time: scheme.time(), at: [0.0; 2] };
+        for (value, &(.., place)) in self.deflections(scheme)?.into_iter().zip(&self.sites) {
             if value.abs() > (1.0 + EQUAL) * largest.value.abs() {
                 largest = LargestDeflection { value, at: place, ..largest };
             }
@@ -85,8 +113,9 @@ impl DeflectionSites {
 
 /// Search for the largest deflection over the steps of a run.
 pub(super) struct DeflectionWatch {
-    /// Number of steps from one look to the next.
+    /// Largest number of steps from one look to the next, and the step of the next look.
     every: u64,
+    next: u64,
     /// Largest deflection of this process's nodes so far.
     largest: Option<LargestDeflection>,
 }
@@ -102,20 +131,36 @@ impl DeflectionWatch {
             _ => None,
         };
         let steps = |square: f64| TAU / square.sqrt() / PER_PERIOD / step;
-        DeflectionWatch { every: lowest.map_or(1, |square| steps(square).max(1.0) as u64), largest: None }
+        let every = lowest.map_or(1, |square| steps(square).max(1.0) as u64);
+        DeflectionWatch { every, next: 0, largest: None }
     }
 
-    /// Takes the deflections of a step where they are due.
+    /// Takes the deflections of a step where they are due, and of the last step. Collective.
     ///
     /// # Errors
-    /// Returns the errors of the support motions.
-    pub fn note(&mut self, sites: &DeflectionSites, scheme: &dyn Solution) -> Result<()> {
-        if !scheme.step().is_multiple_of(self.every) {
+    /// Returns the errors of the support motions and of the scheme.
+    pub fn note(
+        &mut self,
+        sites: &DeflectionSites,
+        scheme: &mut dyn Scheme,
+        is_last: bool,
+        comm: &impl Communicator,
+    ) -> Result<()> {
+        let step = scheme.step();
+        if step < self.next && !is_last {
             return Ok(());
         }
         let present = sites.largest(scheme)?;
         if self.largest.is_none_or(|largest| present.value.abs() > (1.0 + EQUAL) * largest.value.abs()) {
             self.largest = Some(present);
+        }
+        self.next = step + self.every;
+        if self.every > 1 && !is_last {
+            let size = self.largest.map_or(0.0, |largest| largest.value.abs());
+            let size = comm.all_reduce_max(size);
+            let time = -comm.all_reduce_max(-sites.time_to(size, scheme)?);
+            let steps = SOONER * time / scheme.record().dt;
+            self.next = step + (steps as u64).clamp(1, self.every);
         }
         Ok(())
     }
@@ -133,6 +178,7 @@ impl DeflectionWatch {
     pub fn archive(&mut self, comm: &impl Communicator, archive: &mut Archive) -> Result<()> {
         let mut largest = self.largest(comm);
         archive.value(&mut largest)?;
+        archive.value(&mut self.next)?;
         if !archive.saves() {
             self.largest = largest;
         }

@@ -99,10 +99,11 @@ fn run_from<E: Engine>(
     (outcome.factorisations, outcome.relaxation, outcome.tally) = (factorisations, relaxation, events);
     outcome.stretching_gap = stretching_gap;
     outcome.linear = model.system.engine.linear_solves().into();
+    let comm = model.system.engine.comm();
     // Other errors may have stopped some processes earlier than others.
-    if matches!(ended, Ok(()) | Err(Error::Interrupted { .. })) {
+    let is_common = matches!(ended, Ok(()) | Err(Error::Interrupted { .. } | Error::EnergyGuard { .. }));
+    if is_common || comm.size() == 1 {
         outcome.extremes = monitor.extremes(model);
-        let comm = model.system.engine.comm();
         outcome.worst_penetration = comm.all_reduce_max(outcome.worst_penetration);
         outcome.largest_deflection = monitor.deflection.largest(comm);
     }

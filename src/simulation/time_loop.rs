@@ -78,7 +78,7 @@ pub(super) fn time_loop<E: Engine>(
         run.check_step(now)?;
         run.follow_contacts(&contact)?;
         run.monitor.clock.lap(|blocks| &mut blocks.contacts);
-        run.follow_deflections()?;
+        run.follow_deflections(now)?;
         run.follow_accelerations()?;
         run.follow_stresses()?;
         run.row(now, &contact)?;
@@ -151,8 +151,9 @@ impl<E: Engine> TimeLoop<'_, E> {
     }
 
     /// Takes the deflections of this step.
-    fn follow_deflections(&mut self) -> Result<()> {
-        self.monitor.deflection.note(&self.model.deflections, self.scheme)
+    fn follow_deflections(&mut self, now: StepTime) -> Result<()> {
+        let TimeLoop { model, scheme, monitor, .. } = self;
+        monitor.deflection.note(&model.deflections, *scheme, now.is_last, model.system.engine.comm())
     }
 
     /// Takes the velocities of this step at the probes that record accelerations.
@@ -183,6 +184,9 @@ impl<E: Engine> TimeLoop<'_, E> {
         let is_due = step.is_multiple_of(self.scene.output.every) || is_last;
         if !is_due && !step.is_multiple_of(GUARD_EVERY) {
             return Ok(());
+        }
+        if let Some(following) = &self.model.system.drive.following {
+            following.refuse_poles(time, self.scheme.displacement())?;
         }
         let energies = self.scheme.energies()?;
         let guarded = self.monitor.guard.check(step, time, energies);

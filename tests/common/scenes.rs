@@ -88,13 +88,20 @@ pub fn run(text: &str) -> Vec<Instant> {
 
 #[track_caller]
 pub fn run_to_end(text: &str) -> (Vec<Instant>, Outcome) {
+    let (rows, outcome, ended) = run_until_it_ends(text);
+    ended.unwrap_or_else(|error| panic!("{error}\n{text}"));
+    (rows, outcome)
+}
+
+/// Returns rows and outcome of a run, and the error that ended it, if any.
+#[track_caller]
+pub fn run_until_it_ends(text: &str) -> (Vec<Instant>, Outcome, Result<()>) {
     let scene = scene(text);
     let model = Model::new(&scene).unwrap_or_else(|error| panic!("{error}\n{text}"));
     let mut rows = Rows::default();
     let ran = simulation::run(&scene, &model, &simulation::condensed, &mut rows);
     let (outcome, ended) = ran.unwrap_or_else(|error| panic!("{error}\n{text}"));
-    ended.unwrap_or_else(|error| panic!("{error}\n{text}"));
-    (rows.0, outcome)
+    (rows.0, outcome, ended)
 }
 
 /// Returns the largest difference, over all rows, of the first probe's deflection from a function

@@ -1,7 +1,8 @@
 //! Pressures that depend on the deflection: equilibria and their end in closed form, and the energy
 //! in time.
 
-use crate::common::scenes::{close, grid, inspect, model, newmark, refusal, run, scene};
+use crate::common::scenes::{close, grid, inspect, model, newmark, refusal, run, run_until_it_ends, scene};
+use rebond::Error;
 
 const EPSILON: f64 = 8.854e-12;
 
@@ -170,4 +171,32 @@ fn what_does_not_follow_is_refused() {
     // A parameter of the name hides the deflection.
     let hidden = piston(3000.0, "fvs", "").replace("parameters.v", "parameters.w = 0\nparameters.v");
     assert!(inspect(&hidden).pull_in_factor.is_none());
+}
+
+/// Nothing stops a piston whose voltage comes at once: the run ends where it passes the electrode.
+#[test]
+fn a_piston_that_nothing_stops_ends_its_run_at_the_electrode() {
+    let ended = |text: &str| {
+        let text = text.replace("initial.equilibrium = true\n", "").replace("end = 0.001", "end = 0.2");
+        let (_, outcome, ended) = run_until_it_ends(&text);
+        (outcome.largest_deflection, ended)
+    };
+    let conserving = |text: &str| {
+        text.replace(
+            "scheme = \"newmark\", mass = \"consistent\"",
+            "scheme = \"conserving\", mass = \"singular\"",
+        )
+    };
+    for text in [piston(9e3, "fvs", ""), conserving(&piston(9e3, "fvs", ""))] {
+        let (largest, ended) = ended(&text);
+        let Err(Error::PulledIn { key, w, .. }) = &ended else { panic!("{ended:?}\n{text}") };
+        assert_eq!(key, "load.pressure");
+        close("the electrode", *w, -1e-3, 1e-6);
+        assert!(largest.unwrap().value < -1e-3, "{largest:?}");
+    }
+    // Before the electrode nothing is refused, nor where the formula has no pole.
+    ended(&piston(3e3, "fvs", "")).1.unwrap();
+    ended(&piston(9e3, "fvs", "obstacle = [{ side = \"below\", height = -6e-4 }]")).1.unwrap();
+    let (largest, ended) = ended(&piston(9e3, "fvs", "").replace("(1e-3 + w)^2", "max(1e-3 + w, 5e-4)^2"));
+    assert!(largest.unwrap().value < -1e-3 && ended.is_ok(), "{largest:?}, {ended:?}");
 }

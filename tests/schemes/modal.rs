@@ -3,6 +3,7 @@
 
 use crate::common::difference;
 use crate::common::models::{PAPER_FALL, PAPER_PLATE, UNIT};
+use crate::common::scenes::run_to_end;
 use crate::exact::{corners, table};
 use faer::{Mat, Side};
 use rebond::archive::Archive;
@@ -359,4 +360,30 @@ fn a_step_of_too_many_parts_is_refused() {
     let refused = ModalScheme::conserving(&model.system, 1e5, model.start.clone()).err().unwrap().to_string();
     assert!(refused.starts_with("time.step = 1e5 s: the fastest of 50 modes has "), "{refused}");
     assert!(refused.ends_with("expected at most 1e7"), "{refused}");
+}
+
+/// The largest deflection of a struck plate is as large as at every row of every node, the last
+/// included: many modes move, and a contact changes the velocity between two looks.
+#[test]
+fn the_largest_deflection_is_as_large_as_at_every_row() {
+    for (scheme, end) in [("conserving", 0.0113), ("newmark", 0.0113), ("exact", 0.04)] {
+        let nodes = (0..=6).flat_map(|i| (0..=4).map(move |j| (i, j)));
+        let probe = |(i, j)| {
+            format!("{{ name = \"n{i}{j}\", at = [{}, {}] }}", f64::from(i) / 5.0, f64::from(j) / 10.0)
+        };
+        let probes: Vec<String> = nodes.map(probe).collect();
+        let text = format!(
+            "{PAPER_PLATE}mesh = {{ element = \"fvs\", cells = [6, 4] }}\n\
+             obstacle = [{{ side = \"below\", height = -1e-3 }}]\n\
+             initial.velocity = \"if(x > 1.1 and y < 0.1, -5, 0)\"\n\
+             time = {{ scheme = \"{scheme}\", mass = \"modal\", modes = 30, step = 2e-5, end = {end} }}\n\
+             output = {{ every = 1, probes = [{}] }}\n",
+            probes.join(", ")
+        );
+        let (rows, outcome) = run_to_end(&text);
+        let largest = rows.iter().flat_map(|row| &row.probes).fold(0.0, |m: f64, w| m.max(w.abs()));
+        let told = outcome.largest_deflection.unwrap();
+        println!("{scheme}: {told:?} for {largest:e}");
+        assert!((told.value.abs() - largest).abs() <= 1e-3 * largest, "{scheme}: {told:?} for {largest:e}");
+    }
 }

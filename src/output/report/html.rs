@@ -126,7 +126,10 @@ pub(super) fn answers(summary: &Value) -> String {
 pub(super) fn warnings(summary: &Value) -> String {
     let warning = |text| format!("<p class=\"warning\">Warning: {}</p>\n", escaped(text));
     let warnings: String = texts(&summary["warnings"]).map(warning).collect();
-    if warnings.is_empty() { "<p class=\"soft\">The run gave no warnings.</p>\n".into() } else { warnings }
+    if warnings.is_empty() && summary["status"] == "done" {
+        return "<p class=\"soft\">The run gave no warnings.</p>\n".into();
+    }
+    warnings
 }
 
 /// Returns the effects and the parts of the scene of a run, folded; `file` is the scene's file.

@@ -9,7 +9,7 @@ use crate::communicator::Communicator;
 use crate::dof_map::{DofMap, PER_NODE};
 use crate::element::quadrature::{self, Rule};
 use crate::element::{Element, with_element};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::linalg::{ElementMatrix, vectors};
 use crate::mesh::Point;
 use crate::partition::Partition;
@@ -156,6 +156,15 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
             Ok(())
         })?;
         Ok(self.partition.comm().all_reduce_sum(work))
+    }
+
+    fn refuse_poles(&self, time: f64, u: &[f64]) -> Result<()> {
+        let (shape, pressure) = (self.shape(u), self.pressure.of_deflection(time));
+        self.for_each(|point, places| {
+            let pole = pressure.pole(point.place, point.deflection(places, &shape));
+            let key = self.pressure.key.clone();
+            pole.map_or(Ok(()), |w| Err(Error::PulledIn { key, time, point: point.place.into(), w }))
+        })
     }
 
     fn changes(&self) -> bool {
