@@ -16,7 +16,8 @@ const LARGEST_SCENE: u64 = 4_000_000;
 ///
 /// # Errors
 /// Returns [`Error::Io`] for a file that is refused or cannot be read, and [`Error::Memory`] for
-/// one larger than the memory that is left, and [`Error::Scene`] for a pointer of Git LFS.
+/// one larger than the memory that is left, and [`Error::Scene`] for a pointer of Git LFS
+/// and for a compressed file.
 pub fn read(path: &Path, most: u64) -> Result<Vec<u8>> {
     read_like(path, most, "")
 }
@@ -58,8 +59,22 @@ fn read_like(path: &Path, most: u64, ending: &str) -> Result<Vec<u8>> {
             path.display()
         )));
     }
+    let packed = PACKED.iter().find(|(begin, _)| bytes.starts_with(begin));
+    if let Some((_, how)) = packed {
+        let path = path.display();
+        return Err(Error::Scene(format!("{path}: a compressed file; {how} unpacks it")));
+    }
     Ok(bytes)
 }
+
+/// First bytes of compressed files, and what unpacks them.
+const PACKED: [(&[u8], &str); 5] = [
+    (b"\x1f\x8b", "`gunzip`"),
+    (b"PK\x03\x04", "`unzip`"),
+    (b"BZh", "`bunzip2`"),
+    (b"\xfd7zXZ", "`unxz`"),
+    (b"\x28\xb5\x2f\xfd", "`unzstd`"),
+];
 
 /// Adds the nearest name in its folder, of some ending where there is one, to the error of a file
 /// that is not there.
@@ -67,8 +82,7 @@ fn with_nearest(path: &Path, ending: &str, why: io::Error) -> io::Error {
     if why.kind() != io::ErrorKind::NotFound {
         return why;
     }
-    let hints = [ending, ""].map(|ending| nearest(path, |near| near.to_string_lossy().ends_with(ending)));
-    let hint = hints.into_iter().find(|hint| !hint.is_empty()).unwrap_or_default();
+    let hint = nearest(path, |near| near.to_string_lossy().ends_with(ending));
     io::Error::new(why.kind(), format!("there is no such file{hint}"))
 }
 

@@ -55,7 +55,7 @@ impl Table {
             let expected = || {
                 let hint = match row.contains(';') {
                     true => format!(", such as {}", cut(&row.replace(',', ".").replace(';', ","))),
-                    false if row.split(',').count() == 4 => "; a decimal point is written .".to_owned(),
+                    false if row.split(',').count() > 2 => "; a decimal point is written .".to_owned(),
                     false => String::new(),
                 };
                 format!("expected a time in s and a value, separated by a comma{hint}")

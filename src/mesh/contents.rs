@@ -147,6 +147,7 @@ impl<'a> Contents<'a> {
             nodes: self.node_numbers(&numbers, mesh.nodes.len()),
             cells: self.add_cells(&mut mesh, &numbers),
         };
+        mesh.notes.extend(self.repeated_cells());
         mesh.slits = import.slits;
         self.require_apart(&mesh, import)?;
         self.add_edges(&mut mesh, &numbers)?;
@@ -252,6 +253,21 @@ impl<'a> Contents<'a> {
         }
         mesh.groups.values_mut().for_each(sort);
         names
+    }
+
+    /// Returns a note where cells stand twice in the same groups, maybe in place of others.
+    fn repeated_cells(&self) -> Option<String> {
+        let mut seen = HashSet::new();
+        let mut is_new = |(groups, nodes): (&Groups, &[usize])| {
+            let mut nodes = nodes.to_vec();
+            nodes.sort_unstable();
+            seen.insert((groups.clone(), nodes))
+        };
+        let cells = self.blocks_of(2).flat_map(|block| {
+            block.nodes.chunks_exact(block.shape.nodes).map(|nodes| (&block.groups, nodes))
+        });
+        let count = cells.filter(|cell| !is_new(*cell)).count();
+        (count > 0).then(|| format!("the mesh file has {count} of its cells twice; each counts once"))
     }
 
     fn add_edges(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) -> Result<()> {

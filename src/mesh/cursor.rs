@@ -266,7 +266,12 @@ impl<'a> Cursor<'a> {
     pub fn unexpected(&self, place: usize, expected: &str, bytes: &[u8]) -> Error {
         const MOST: usize = 40;
         let shown = String::from_utf8_lossy(&bytes[..bytes.len().min(MOST)]);
-        let dots = if bytes.len() > MOST { "..." } else { "" };
-        self.fault(place, format_args!("expected {expected}, found {shown:?}{dots}"))
+        let is_decimal = shown.contains(',') && shown.replacen(',', ".", 1).parse::<f64>().is_ok();
+        let rest = match (bytes.len() > MOST, is_decimal) {
+            (true, _) => "...",
+            (false, true) => "; a decimal point is written .",
+            (false, false) => "",
+        };
+        self.fault(place, format_args!("expected {expected}, found {shown:?}{rest}"))
     }
 }

@@ -77,27 +77,35 @@ pub(super) fn judged(
 const MODULI: [f64; 2] = [1e5, 2e12];
 const DENSITIES: [f64; 2] = [5.0, 25e3];
 
-/// Longest plate, in m.
-const LONGEST: f64 = 1e3;
+/// Range of speeds of sound `$\sqrt{E / \rho}$` (m/s), from gel to diamond.
+const SPEEDS: [f64; 2] = [8.0, 25e3];
 
 /// Warns of numbers that no plate has, which other units explain.
 fn of_units(scene: &Scene) -> Vec<String> {
     let plates = scene.parts.iter().enumerate().map(|(number, part)| (format!("part.{number}"), &part.plate));
     let mut warnings = Vec::new();
-    let mut judge = |key: String, value: f64, unit: &str, [low, high]: [f64; 2], usual: &str| {
-        if !(low..=high).contains(&value) {
+    let is_in = |value: f64, [low, high]: [f64; 2]| (low..=high).contains(&value);
+    let mut judge = |key: String, value: f64, unit: &str, range: [f64; 2], usual: &str| {
+        if !is_in(value, range) {
             let value = significant(value);
             warnings.push(format!("{key} = {value} {unit} is the value of no material: {usual}"));
         }
     };
     for (table, plate) in std::iter::once(("plate".to_owned(), &scene.plate.plate)).chain(plates) {
-        let modulus = format!("{table}.youngs_modulus");
-        judge(modulus, plate.youngs_modulus, "Pa", MODULI, "steel has 210e9 Pa");
-        judge(format!("{table}.density"), plate.density, "kg/m3", DENSITIES, "steel has 7850 kg/m3");
-    }
-    for (side, length) in [("length", scene.plate.length), ("width", scene.plate.width)] {
-        if length > LONGEST {
-            warnings.push(format!("plate.{side} = {} m: lengths are in m", significant(length)));
+        let (modulus, density) = (plate.youngs_modulus, plate.density);
+        let speed = (modulus / density).sqrt();
+        match is_in(modulus, MODULI) && is_in(density, DENSITIES) {
+            true => judge(
+                format!("the speed of sound sqrt({table}.youngs_modulus / {table}.density)"),
+                speed,
+                "m/s",
+                SPEEDS,
+                "steel has 210e9 Pa and 7850 kg/m3",
+            ),
+            false => {
+                judge(format!("{table}.youngs_modulus"), modulus, "Pa", MODULI, "steel has 210e9 Pa");
+                judge(format!("{table}.density"), density, "kg/m3", DENSITIES, "steel has 7850 kg/m3");
+            }
         }
     }
     warnings

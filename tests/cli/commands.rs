@@ -232,6 +232,8 @@ fn what_cannot_be_read_or_written_exits_4() {
     assert_fails(&output, 4, &["fall.toml"]);
     std::fs::write(folder.join("fall.msh"), "$MeshFormat\n").unwrap();
     assert_fails(&rebond(&folder, &["run", "fall"]), 4, &["did you mean fall.toml?"]);
+    let error = rebond(&folder, &["run", "falls.msh"]);
+    assert_fails(&error, 4, &["falls.msh: there is no such file (did you mean fall.toml?)"]);
     assert_fails(&rebond(&folder, &["run", "fall.msh"]), 2, &["a mesh; expected a scene", "\"fall.msh\""]);
     for command in ["plot", "report", "resume"] {
         let output = rebond(&folder, &[command, "fall.toml"]);

@@ -193,6 +193,7 @@ fn a_flaw_is_named_with_its_line() {
         ("$Nodes\r\n5", "$Nodes\r\n6", &[":19:", "number of a node", "$EndNodes"]),
         ("$Nodes\r\n5", "$Nodes\r\n4", &[":18:", "$EndNodes", "40"]),
         ("20 1 0 3", "20 1 zero 3", &[":15:", "coordinate", "\"zero\""]),
+        ("20 1 0 3", "20 1 0,5 3", &[":15:", "coordinate", "\"0,5\"; a decimal point is written ."]),
         ("20 1 0 3", "20 1 nan 3", &[":15:", "coordinate", "NaN"]),
         ("20 1 0 3", "-20 1 0 3", &[":15:", "number of a node", "-20"]),
         ("20 1 0 3", "10 1 0 3", &[":15:", "node 10", "already"]),

@@ -102,3 +102,25 @@ fn a_run_judges_its_own_largest_deflection() {
     let carried = "support = [{ edge = \"left\", kind = \"clamped\", motion = '0.3*sin(t)' }]\n";
     assert_eq!(warning(&format!("{plate}{time}{carried}")), None);
 }
+
+/// Steel in MPa or in g/cm3 is asked about, though rubber and foam have such moduli and densities.
+#[test]
+fn a_material_in_other_units_is_asked_about() {
+    let is_asked = |modulus: &str, density: &str| {
+        let text = format!(
+            "{}support = [{{ edge = \"left\", kind = \"clamped\" }}]\n{STILL}\
+             plate = {{ length = 1, width = 1, thickness = 1e-2, youngs_modulus = {modulus}, \
+             poissons_ratio = 0.3, density = {density} }}\n",
+            scenes::grid("fvs", 2, 2)
+        );
+        let scene = scenes::scene(&text);
+        let warnings = study::warnings(&scene, &Model::new(&scene).unwrap());
+        warnings.iter().any(|text| text.contains("of no material: steel has"))
+    };
+    for (modulus, density) in [("210e3", "7850"), ("210e9", "7.85"), ("70e3", "2700"), ("3e9", "1.4")] {
+        assert!(is_asked(modulus, density), "{modulus}, {density}");
+    }
+    for (modulus, density) in [("210e9", "7850"), ("1e6", "1100"), ("1e12", "3500"), ("1e5", "20")] {
+        assert!(!is_asked(modulus, density), "{modulus}, {density}");
+    }
+}

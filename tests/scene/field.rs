@@ -404,7 +404,8 @@ fn faults_of_tables_name_the_line() {
         ("0,1\n1;2\n", format!("2: found 1;2; {expected}, such as 1,2")),
         ("t;p\n0,5;1,25\n", format!("2: found 0,5;1,25; {expected}, such as 0.5,1.25")),
         ("0,1\n0,5,1,25\n", format!("2: found 0,5,1,25; {expected}; a decimal point is written .")),
-        ("0,1\n1,2,3\n", format!("2: found 1,2,3; {expected}")),
+        ("0,1\n1,1,5\n", format!("2: found 1,1,5; {expected}; a decimal point is written .")),
+        ("0,1\n1,2,3\n", format!("2: found 1,2,3; {expected}; a decimal point is written .")),
         ("0,1\n1,inf\n", format!("2: \"inf\" is not a finite number; {expected}")),
         ("0,1\nt,p\n", format!("2: \"t\" is not a finite number; {expected}")),
         (

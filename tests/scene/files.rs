@@ -333,6 +333,7 @@ fn files_of_other_kinds_are_named_with_a_remedy() {
     let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
     for (name, bytes, words) in [
         ("pointer.msh", "version https://git-lfs.github.com/spec/v1\n", ["Git LFS", "git lfs pull"]),
+        ("packed.zip", "PK\x03\x04", ["compressed", "`unzip`"]),
         ("bracket.step", "ISO-10303-21;\nHEADER;\n", ["STEP", ".msh"]),
         ("bracket.stl", "solid bracket\n", ["STL", ".msh"]),
         ("bracket.igs", "  S      1\n", ["IGES", "bracket.igs -o "]),

@@ -14,6 +14,9 @@ const BLOCK: f64 = 1.0;
 /// Span and thickness, in m, from which both are taken for millimetres.
 const HUGE: [f64; 2] = [100.0, 0.5];
 
+/// Span, in m, from which it is taken for millimetres whatever the thickness.
+const LONGEST: f64 = 1e3;
+
 /// Returns a warning that asks whether lengths are in metres, for a plate much too wide or too
 /// narrow for its thickness. A mesh with the key `mesh.scale` is not questioned. Collective.
 pub(super) fn question<P: Partition>(ground: &BuildContext<P>) -> Option<String> {
@@ -22,7 +25,7 @@ pub(super) fn question<P: Partition>(ground: &BuildContext<P>) -> Option<String>
     let (span, thickness) = ((right + left).max(top + bottom), scene.plate.plate.thickness);
     let ratio = span / thickness;
     let is_told = scene.file.as_ref().is_some_and(|file| file.scale.is_some());
-    let is_huge = span > HUGE[0] && thickness >= HUGE[1];
+    let is_huge = span > LONGEST || span > HUGE[0] && thickness >= HUGE[1];
     if is_told || !ratio.is_finite() || !is_huge && (BLOCK..=FOIL).contains(&ratio) {
         return None;
     }
