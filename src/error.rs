@@ -131,7 +131,7 @@ pub enum Error {
     #[error("{0}")]
     Stopped(String),
     /// File or folder that cannot be read or written.
-    #[error("{}: {source}", path.display())]
+    #[error("{}: {}", path.display(), words(source))]
     Io {
         /// Path of the file or folder.
         path: PathBuf,
@@ -180,6 +180,14 @@ impl Error {
     pub fn io(path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Error {
         let path = path.into();
         move |source| Error::Io { path, source }
+    }
+}
+
+/// Returns the words of an error of the operating system, without its number.
+fn words(source: &std::io::Error) -> String {
+    match source.kind() {
+        std::io::ErrorKind::NotADirectory => "a file stands where a folder is expected".to_owned(),
+        _ => source.to_string().split(" (os error").next().unwrap_or_default().to_owned(),
     }
 }
 

@@ -124,6 +124,7 @@ fn in_one_line(why: clap::Error, words: &[OsString]) -> clap::Error {
     let parts = text.trim_start_matches("error: ").split("\n\n").take_while(|part| !is_usage(part));
     let parts = parts.map(|part| part.lines().map(str::trim).collect::<Vec<_>>().join(" "));
     let told = parts.collect::<Vec<_>>().join("; ");
+    let told = told.replace("invalid digit found in string", "expected a whole number");
     let command = COMMANDS.iter().find(|entry| words.get(1).is_some_and(|word| word == entry.name));
     let command = command.map_or(String::new(), |entry| format!(" {}", entry.name));
     clap::Error::raw(why.kind(), format!("{told}; see rebond{command} --help\n"))

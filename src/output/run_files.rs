@@ -60,8 +60,10 @@ impl ResumedRun {
         let mut scene = from.read_scene(&folder)?;
         if let Some(until) = until {
             let end = format!("time.end={until}");
-            scene = Scene::from_str(&text, &file.to_string_lossy(), &[end])
-                .map_err(|why| Error::Usage(format!("--until {until}: {why}")))?;
+            let prefix = format!("--set {end}: time.end: ");
+            scene = Scene::from_str(&text, &file.to_string_lossy(), &[end]).map_err(|why| {
+                Error::Usage(format!("--until {until}: {}", why.to_string().replacen(&prefix, "", 1)))
+            })?;
             if scene.time.steps() <= pause.step {
                 let RunState { step, time, .. } = pause;
                 let wrong = format!("the run has made {step} steps, to {time:.9} s");

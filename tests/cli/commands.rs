@@ -229,7 +229,7 @@ fn what_cannot_be_read_or_written_exits_4() {
     let folder = folder("files");
     assert_fails(&rebond(&folder, &["run", "no.toml"]), 4, &["no.toml"]);
     let output = rebond(&folder, &["run", "fall.toml", "--quiet", "--out", "fall.toml/run"]);
-    assert_fails(&output, 4, &["fall.toml"]);
+    assert_fails(&output, 4, &["fall.toml", "a file stands where a folder is expected"]);
     std::fs::write(folder.join("fall.msh"), "$MeshFormat\n").unwrap();
     assert_fails(&rebond(&folder, &["run", "fall"]), 4, &["did you mean fall.toml?"]);
     let error = rebond(&folder, &["run", "falls.msh"]);

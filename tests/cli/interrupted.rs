@@ -450,7 +450,7 @@ fn a_run_that_is_done_goes_on_to_a_later_end() {
         assert_fails(&rebond(&folder, &["resume", "run"]), 4, &["run: the run is done", "--until T"]);
         let until = |end: &str| rebond(&folder, &["resume", "run", "--quiet", "--until", end]);
         assert_fails(&until("0.05"), 2, &["--until 0.05", "to 0.050000000 s", "expected a later end"]);
-        assert_fails(&until("0.100001"), 2, &["--until 0.100001", "no whole number of steps"]);
+        assert_fails(&until("0.100001"), 2, &["--until 0.100001: 0.100001 s is no whole number of steps"]);
         assert_fails(&until("soon"), 2, &["--until soon", "an end time in s"]);
         succeeds(&until("0.1"));
         succeeds(&until("0.2"));
