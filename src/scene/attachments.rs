@@ -4,6 +4,7 @@
 //! This file has the keys of all attachments and the names of their effects. The matrices are in
 //! `simulation::effects::registry`.
 
+use super::column::column;
 use super::document::{Document, join};
 use super::entry::{table, tables, via};
 use super::given::{FieldInput, Region};
@@ -111,6 +112,9 @@ table! {
     /// Body that moves up and down and touches the plate at one point, without adhesion.
     #[derive(Debug, Clone, PartialEq)]
     pub struct Ball {
+        /// Name under which the forces of this ball are reported: columns of `history.csv`,
+        /// `forces` in `summary.json`.
+        name: Option<String> = column().optional();
         /// Coordinates of the contact point, in m.
         at: [f64; 2],
         /// Physical point that names the place, if the scene uses one.

@@ -166,14 +166,15 @@ fn check_room(doc: &Document, scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-/// Refuses names of supports and obstacles that occur twice, or whose columns are named as probes.
+/// Refuses names of supports, obstacles and balls that occur twice, or whose columns are named as probes.
 fn check_names(doc: &Document, scene: &Scene) -> Result<()> {
     let keyed = |table: &'static str| move |(k, name): (usize, _)| (format!("{table}.{k}.name"), name);
     let supports = scene.supports.iter().map(|support| &support.name).enumerate().map(keyed("support"));
     let obstacles = scene.obstacles.iter().map(|obstacle| &obstacle.name).enumerate();
     let sliders = scene.sliders.iter().map(|slider| &slider.name).enumerate().map(keyed("slider"));
     let mut taken: Vec<(String, &String)> = Vec::new();
-    for (key, name) in supports.chain(obstacles.map(keyed("obstacle"))).chain(sliders) {
+    let balls = scene.attachments.balls.iter().map(|ball| &ball.name).enumerate().map(keyed("ball"));
+    for (key, name) in supports.chain(obstacles.map(keyed("obstacle"))).chain(balls).chain(sliders) {
         let Some(name) = name else { continue };
         if let Some((first, _)) = taken.iter().find(|(_, other)| *other == name) {
             let wrong = format!("{} is already {first}; expected unique names", quote(name));

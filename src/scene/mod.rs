@@ -162,17 +162,18 @@ impl Scene {
         self.study.clone().unwrap_or_else(|| Study::usual(&self.mesh, &self.time, &self.solver))
     }
 
-    /// Returns the columns of `history.csv` for named supports, named obstacles and named sliders,
-    /// in the order of the scene.
+    /// Returns the columns of `history.csv` for named supports, obstacles, balls and sliders, in the
+    /// order of the scene.
     pub fn force_columns(&self) -> Vec<String> {
         let columns = |name: &String, count: usize| {
             FORCE_COLUMNS[..count].iter().map(|quantity| format!("{quantity}_{name}")).collect::<Vec<_>>()
         };
         let supports = self.supports.iter().filter_map(|support| support.name.as_ref());
         let obstacles = self.obstacles.iter().filter_map(|obstacle| obstacle.name.as_ref());
+        let balls = self.attachments.balls.iter().filter_map(|ball| ball.name.as_ref());
         let of_supports = supports.flat_map(|name| columns(name, 4));
         let sliders = self.sliders.iter().filter_map(|slider| slider.name.as_ref());
-        let of_obstacles = obstacles.flat_map(|name| columns(name, 2));
+        let of_obstacles = obstacles.chain(balls).flat_map(|name| columns(name, 2));
         of_supports.chain(of_obstacles).chain(sliders.flat_map(|name| columns(name, 1))).collect()
     }
 

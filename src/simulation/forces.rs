@@ -10,7 +10,7 @@ use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::error::Result;
 use crate::linalg::Engine;
-use crate::scene::{Obstacle, Scene};
+use crate::scene::Scene;
 use crate::scheme::{Event, Scheme, Solution};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -139,12 +139,15 @@ pub(super) struct ForceRecorder {
 impl ForceRecorder {
     /// Prepares the records of the named supports and all obstacles of a scene.
     pub fn new<E: Engine>(scene: &Scene, model: &Model<E>) -> ForceRecorder {
-        let name = |(k, obstacle): (usize, &Obstacle)| match &obstacle.name {
-            Some(name) => (name.clone(), true),
-            None => (format!("obstacle_{}", k + 1), false),
+        let named = |kind: &'static str| {
+            move |(name, number): (&Option<String>, usize)| match name {
+                Some(name) => (name.clone(), true),
+                None => (format!("{kind}_{number}"), false),
+            }
         };
-        let balls = (1..=scene.attachments.balls.len()).map(|number| (format!("ball_{number}"), false));
-        let obstacles: Vec<_> = scene.obstacles.iter().enumerate().map(name).chain(balls).collect();
+        let obstacles = scene.obstacles.iter().map(|obstacle| &obstacle.name).zip(1..);
+        let balls = scene.attachments.balls.iter().map(|ball| &ball.name).zip(1..);
+        let obstacles: Vec<_> = obstacles.map(named("obstacle")).chain(balls.map(named("ball"))).collect();
         let supports: Vec<_> = scene.supports.iter().filter_map(|support| support.name.clone()).collect();
         ForceRecorder {
             reactions: vec![SupportRecord::default(); supports.len()],

@@ -1,7 +1,7 @@
 //! Compliant stops: their keys, what is refused, and where their tips are.
 
 use crate::common::models::{CLAMPED, UNIT};
-use crate::common::scenes::{STILL, close, grid, model, read, refusal, run, run_to_end};
+use crate::common::scenes::{STILL, close, grid, model, read, refusal, run, run_to_end, scene};
 use rebond::Result;
 use rebond::contact_law::StopLaw;
 use rebond::scene::{Compliance, Scene};
@@ -186,8 +186,12 @@ fn a_compliant_ball_bounces() {
         let last = rows.last().unwrap();
         close("height", last.probes[0], 2.0 * (last.time - contact), 1e-2);
     }
-    // A dashpot takes energy.
-    let rows = run(&text(", damping = 50", "scheme = \"newmark\""));
+    // A dashpot takes energy, under the name of the ball.
+    let damped = text(", damping = 50, name = \"mallet\"", "scheme = \"newmark\"");
+    assert_eq!(scene(&damped).force_columns(), ["force_mallet", "impulse_mallet"]);
+    let (rows, outcome) = run_to_end(&damped);
+    close("taken", outcome.dissipated["mallet"], outcome.energy.lost, 5e-3);
+    assert!(outcome.forces.contains_key("mallet") && !outcome.forces.contains_key("ball_1"));
     let last = rows.last().unwrap();
     assert!(last.probes[0] > 0.0 && last.probes[0] < 1.9 * (last.time - contact), "{}", last.probes[0]);
 }
