@@ -169,12 +169,10 @@ impl Field {
             Instruction::Variable(Name::W) => Instruction::Variable(Name::T),
             other => *other,
         };
-        Field {
-            code: self.code.iter().map(replaced).collect(),
-            names: Names::XYT,
-            text: self.text.clone(),
-            spans: self.spans.clone(),
-        }
+        // What depends on time alone is computed once for all places and deflections.
+        let folded = code::fold(self.code.iter().map(replaced).zip(self.spans.clone()).collect());
+        let (code, spans) = folded.into_iter().unzip();
+        Field { code, names: Names::XYT, text: self.text.clone(), spans }
     }
 
     /// Returns whether the value may depend on any of these variables.

@@ -166,7 +166,8 @@ fn check_room(doc: &Document, scene: &Scene) -> Result<()> {
     Ok(())
 }
 
-/// Refuses names of supports, obstacles and balls that occur twice, or whose columns are named as probes.
+/// Refuses names of supports, obstacles, balls and sliders that occur twice, or whose columns are
+/// named as probes.
 fn check_names(doc: &Document, scene: &Scene) -> Result<()> {
     let keyed = |table: &'static str| move |(k, name): (usize, _)| (format!("{table}.{k}.name"), name);
     let supports = scene.supports.iter().map(|support| &support.name).enumerate().map(keyed("support"));

@@ -162,8 +162,8 @@ impl Scene {
         self.study.clone().unwrap_or_else(|| Study::usual(&self.mesh, &self.time, &self.solver))
     }
 
-    /// Returns the columns of `history.csv` for named supports, obstacles, balls and sliders, in the
-    /// order of the scene.
+    /// Returns the columns of `history.csv` for named supports, obstacles, balls and sliders, in
+    /// the order of the scene.
     pub fn force_columns(&self) -> Vec<String> {
         let columns = |name: &String, count: usize| {
             FORCE_COLUMNS[..count].iter().map(|quantity| format!("{quantity}_{name}")).collect::<Vec<_>>()
