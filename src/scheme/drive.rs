@@ -299,17 +299,20 @@ impl TimeDependence {
         self.loads() || self.supports.iter().any(|motion| motion.stiffness.is_some())
     }
 
-    /// Returns an error where damping of stops is combined with a scheme that takes the massless
-    /// part of the displacement from an equilibrium.
+    /// Returns an error where dashpots are combined with a scheme that takes the massless part of
+    /// the displacement from an equilibrium.
     pub(super) fn refuse_dashpots(&self) -> Result<()> {
-        match self.dashpots {
-            None => Ok(()),
-            Some(_) => Err(Error::Usage(
-                "obstacle.damping: the tip of a damped stop is in no equilibrium; set time.massless = \"reflected\" with \
-                 time.scheme = \"midpoint\", or time.scheme = \"newmark\""
-                    .into(),
-            )),
+        if self.dashpots.is_none() {
+            return Ok(());
         }
+        let what = match self.viscous_tips {
+            Some(_) => "obstacle.damping: the tip of a damped stop is",
+            None => "dashpot: what it holds is",
+        };
+        Err(Error::Usage(format!(
+            "{what} in no equilibrium; set time.massless = \"reflected\" with time.scheme = \"midpoint\", or \
+             time.scheme = \"newmark\""
+        )))
     }
 
     /// Returns an error where damping of stops is combined with a scheme that does not follow their

@@ -295,6 +295,29 @@ fn studies_follow_friction() {
     assert!(reference.contains("midpoint reflected"), "{reference}");
 }
 
+/// No method leaves the dashpot of a stop out, be it the reference; a ball is a rigid motion.
+#[test]
+fn studies_follow_dashpots_of_stops_and_balls() {
+    let accuracy = study(concat!(
+        literal!(PAPER_PLATE),
+        r#"
+        mesh = { element = "fvs", cells = [4, 2] }
+        support = [{ edge = "left", kind = "clamped" }]
+        obstacle = [{ side = "below", height = -0.001, at = [1.2, 0.2], stiffness = 1e5, damping = 300 }]
+        ball = [{ at = [0.6, 0.2], mass = 0.1, height = 1, stiffness = 1e5 }]
+        initial.velocity = -0.5
+        time = { scheme = "newmark", mass = "singular", step = 1e-4, end = 4e-3 }
+        output.probes = [{ name = "tip", at = [1.2, 0.2] }]
+        study = { masses = ["singular"], repeat = 1 }
+        "#
+    ));
+    assert!(accuracy.reference.contains("midpoint reflected"), "{accuracy}");
+    let methods: Vec<String> = accuracy.runs.iter().map(|run| run.case.to_string()).collect();
+    assert!(!methods.is_empty() && methods.iter().all(|name| name.contains("newmark")), "{methods:?}");
+    let refused = accuracy.dropped.iter().filter(|absent| absent.why.contains("damped stop"));
+    assert!(refused.count() == 3, "{accuracy}");
+}
+
 #[test]
 fn the_command_writes_a_table_two_files_and_pictures() {
     let scene = concat!(

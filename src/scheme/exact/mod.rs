@@ -172,6 +172,7 @@ impl<'s, E: Engine> Exact<'s, E> {
                 ));
             }
             drive.refuse_modal("exact")?;
+            drive.refuse_dashpots()?;
         } else {
             drive.refuse_viscous_tips()?;
         }

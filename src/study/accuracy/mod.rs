@@ -351,8 +351,8 @@ fn first_period(base: &Scene) -> Result<f64> {
     let Matrices { stiffness, consistent, load, .. } = simulation::matrices(base, &mesh, true)?;
     let engine = Native::new(load.len());
     let (stiffness, mass) = (engine.form(stiffness), engine.form(consistent));
-    let mechanism = simulation::mechanism(base, &mesh)?.is_some();
-    let lowest = modes::lowest(&engine, &stiffness, &mass, LOWEST, mechanism)?;
+    let is_loose = simulation::mechanism(base, &mesh)?.is_some() || !base.attachments.balls.is_empty();
+    let lowest = modes::lowest(&engine, &stiffness, &mass, LOWEST, is_loose)?;
     Ok(lowest.into_iter().find(|frequency| *frequency > 0.0).map_or(0.0, f64::recip))
 }
 

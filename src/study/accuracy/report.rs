@@ -68,8 +68,9 @@ impl fmt::Display for Accuracy {
         for choices in choices.chunk_by(|a, b| a.among == b.among) {
             write!(f, "\n{}\n{}", choices[0].among, columns.table(choices))?;
         }
-        for Absent { what, why } in &self.dropped {
-            writeln!(f, "left out  {what}: {why}")?;
+        for alike in self.dropped.chunk_by(|a, b| a.why == b.why) {
+            let names: Vec<&str> = alike.iter().map(|absent| &*absent.what).collect();
+            writeln!(f, "left out  {}: {}", names.join("; "), alike[0].why)?;
         }
         self.failures.iter().try_for_each(|Absent { what, why }| writeln!(f, "FAILED  {what}: {why}"))?;
         let none = "no run reached the end: expected schemes and masses that take the scene";
