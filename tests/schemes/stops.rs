@@ -8,7 +8,7 @@ use rebond::linalg::{CellClass, Native, SingularMassCell};
 use rebond::obstacle::Bounds;
 use rebond::scheme::{
     Conserving, Damping, Exact, LoadTerm, Massless, Midpoint, Newmark, NewmarkParameters, Scheme, Solution,
-    Start, System, TimeDependence,
+    Start, System, TimeDependence, ViscousTip,
 };
 use std::f64::consts::PI;
 
@@ -38,6 +38,9 @@ impl OneMass {
             false => engine.form(vec![block(&[Some(0)], &[self.mass], 0)]),
         };
         let dashpots = (self.damping > 0.0).then(|| engine.form(vec![between(self.damping, 0)]));
+        let damping = self.damping;
+        let tip = ViscousTip { bound: 0, dofs: [0, 1], obstacle: 0, stiffness: self.stop, damping };
+        let viscous_tips = dashpots.is_some().then(|| vec![tip]);
         System {
             engine,
             stiffness,
@@ -46,7 +49,7 @@ impl OneMass {
             load: None,
             bounds: Bounds::uniform(vec![1], self.bounds[0], self.bounds[1]),
             bound_numbers: None,
-            drive: TimeDependence { dashpots, ..TimeDependence::default() },
+            drive: TimeDependence { dashpots, viscous_tips, ..TimeDependence::default() },
         }
     }
 }
@@ -228,6 +231,9 @@ fn a_damped_stop_does_not_pull() {
         assert!((ended - end).abs() <= 3.0 * step, "{ended} for {end}");
         close("velocity", scheme.velocity().unwrap()[0], leaves, 1e-3);
         close("impulse", impulse, mass * (speed + leaves), 1e-3);
+        // The dashpot has taken what the mass has lost.
+        let lost = 0.5 * mass * (speed * speed - leaves * leaves);
+        close("taken", scheme.dissipated_by_obstacles()[0], lost, 1e-3);
     }
     // The tip of a damped stop is in no equilibrium.
     let refused = Midpoint::new(&singular, step, Massless::Equilibrium, from(0.0, 0.0)).err().unwrap();
