@@ -6,6 +6,8 @@ import sys
 import time
 from types import TracebackType
 
+from . import _core
+
 #: Least time between two drawings of the line, in s.
 PACE = 0.1
 
@@ -27,7 +29,9 @@ class Line:
         self._drawn = now
         done = step / self._steps
         left = f", {(now - self._begin) * (1 - done) / done:.0f} s left" if step else ""
-        self._write(f"{100 * done:3.0f} %, t = {instant:.4g} s{left}, {contact_nodes} nodes touch")
+        moment = _core.engineering(instant, "s")
+        touch = "node touches" if contact_nodes == 1 else "nodes touch"
+        self._write(f"{100 * done:3.0f} %, t = {moment}{left}, {contact_nodes} {touch}")
 
     def _write(self, text: str) -> None:
         # Blanks cover what is left of a longer line.

@@ -36,6 +36,12 @@ mod _core {
     #[pymodule_export]
     const VERSION: &str = env!("CARGO_PKG_VERSION");
 
+    /// Number with its unit and the prefix of it, as the command writes both.
+    #[pyfunction]
+    fn engineering(value: f64, unit: &str) -> String {
+        rebond::quantity::engineering(value, unit)
+    }
+
     /// Panics in native code, by which a test proves that no panic crosses into Python.
     #[pyfunction]
     fn panic(py: Python<'_>, message: String) -> PyResult<()> {

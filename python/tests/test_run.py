@@ -19,6 +19,7 @@ import pytest
 
 import rebond
 from conftest import FALL
+from rebond.progress import Line
 
 Command = Callable[..., Any]
 
@@ -368,6 +369,9 @@ def test_a_run_shows_its_progress(
     assert len(steps) == fall.steps + 1
     first, *_, last = capsys.readouterr().err.strip("\r\n").split("\r")
     assert first == "  0 %, t = 0 s, 0 nodes touch" and last.startswith("ended after ")
+    line = Line(1000)
+    line.show(230, 0.0092, 1)
+    assert capsys.readouterr().err == "\r 23 %, t = 9.2 ms, 0 s left, 1 node touches"
     quiet = rebond.run(fall, progress=True)
     assert quiet.history["energy"].tolist() == told.history["energy"].tolist()
 
