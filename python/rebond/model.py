@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -229,11 +230,17 @@ class Model(Layout):
     def modes(self, count: int, mass: str = "scene") -> Modes:
         """Return the ``count`` lowest natural modes, or fewer if there are no more.
 
-        ``mass`` is ``"consistent"``, ``"singular"``, or ``"scene"`` for that of ``time.mass``.
+        ``mass`` is ``"consistent"``, ``"singular"``, or ``"scene"`` for that of ``time.mass``. A
+        modal mass has no more modes than the scene gives it: asking for more is warned of.
         """
         if count < 1:
             raise UsageError(f"modes: found {count}; expected a count of at least 1")
         frequencies, shapes = self._native.modes(count, mass)
+        carriers = len(frequencies)
+        is_modal = mass == "scene" and self.scene.to_dict()["time"]["mass"] == "modal"
+        if carriers < count and is_modal:
+            what = f"modes({count}): the modal mass of the scene has {carriers} modes"
+            warnings.warn(f'{what}; mass="consistent" gives more', UserWarning, stacklevel=2)
         return Modes(frequencies, shapes, self)
 
     def mass_modes(self) -> MassModes:

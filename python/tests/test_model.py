@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -139,7 +140,12 @@ def test_the_modes_that_carry_a_modal_mass() -> None:
     squares = (2 * np.pi * modes.frequencies) ** 2
     assert stiffness == pytest.approx(np.diag(squares), abs=1e-7 * squares[-1])
     # No others have inertia.
-    assert model.modes(100).frequencies.tolist() == modes.frequencies.tolist()
+    words = r'^modes\(100\): the modal mass of the scene has 9 modes; mass="consistent" gives more$'
+    with pytest.warns(UserWarning, match=words):
+        assert model.modes(100).frequencies.tolist() == modes.frequencies.tolist()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert len(model.modes(9)) == 9 and len(model.modes(12, "consistent")) == 12
     assert model.modes(2).shapes.tolist() == modes.shapes[:2].tolist()
     with pytest.raises(rebond.UsageError, match="mass_modes: .*; expected time.mass=modal"):
         rebond.Model(supported((4, 4))).mass_modes()
