@@ -11,12 +11,13 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from . import _core, plots
+from .errors import UsageError
 from .model import in_triangles
 from .progress import PACE, Line
 from .scene import Scene
@@ -29,6 +30,9 @@ _EVENTS = {"kind": "closes", "reaction": "force"}
 
 #: Kinds of events as numbers.
 _KINDS = {"closes": "1", "opens": "0"}
+
+#: Why there are no fields.
+_NO_SNAPSHOTS = "the scene asks for no snapshots; set output.fields_every"
 
 
 class Table(Mapping[str, NDArray[Any]]):
@@ -94,19 +98,42 @@ class Fields:
     #: Cell of the mesh that contains each small cell.
     parents: NDArray[np.int64]
 
-    _NAMES = {
-        "deflection": "deflection, in m",
-        "velocity": "velocity, in m/s",
-        "slope": "derivatives of the deflection along x and y, shape (snapshots, points, 2)",
-        "cell_velocity": "mean velocity of each cell of the mesh, in m/s, shape (snapshots, cells)",
-        "gap": "gap to the nearest obstacle, in m, NaN where there is none",
-        "floor": "height of the nearest obstacle below, in m",
-        "ceiling": "height of the nearest obstacle above, in m",
-        "reaction": "reaction of the obstacles at each node, in N, 0 at other points",
-        "moment": "moments M_xx, M_yy and M_xy, in N m/m, shape (snapshots, points, 3)",
-        "stress_top": "stresses xx, yy and xy at the upper surface, in Pa, (snapshots, points, 3)",
-        "von_mises": "von Mises stress, in Pa",
-    }
+    #: Deflection, in m, shape (snapshots, points).
+    deflection: NDArray[np.float64]
+    #: Velocity, in m/s, shape (snapshots, points).
+    velocity: NDArray[np.float64]
+    #: Derivatives of the deflection along x and y, shape (snapshots, points, 2).
+    slope: NDArray[np.float64]
+    #: Mean velocity of each cell of the mesh, in m/s, shape (snapshots, cells).
+    cell_velocity: NDArray[np.float64]
+    #: Gap to the nearest obstacle, in m, NaN where there is none.
+    gap: NDArray[np.float64]
+    #: Height of the nearest obstacle below, in m.
+    floor: NDArray[np.float64]
+    #: Height of the nearest obstacle above, in m.
+    ceiling: NDArray[np.float64]
+    #: Reaction of the obstacles at each node, in N, 0 at other points.
+    reaction: NDArray[np.float64]
+    #: Moments M_xx, M_yy and M_xy, in N m/m, shape (snapshots, points, 3).
+    moment: NDArray[np.float64]
+    #: Stresses xx, yy and xy at the upper surface, in Pa, shape (snapshots, points, 3).
+    stress_top: NDArray[np.float64]
+    #: Von Mises stress, in Pa.
+    von_mises: NDArray[np.float64]
+
+    _NAMES = (
+        "deflection",
+        "velocity",
+        "slope",
+        "cell_velocity",
+        "gap",
+        "floor",
+        "ceiling",
+        "reaction",
+        "moment",
+        "stress_top",
+        "von_mises",
+    )
 
     def __init__(self, arrays: Mapping[str, NDArray[Any]]) -> None:
         self.time = arrays.get("time", np.empty(0))
@@ -125,19 +152,25 @@ class Fields:
         """Return a field by name, shape (snapshots, points)."""
         if name in self._arrays:
             return self._arrays[name]
+        raise KeyError(self._without(name))
+
+    if not TYPE_CHECKING:  # Types have the names above, and no others.
+
+        def __getattr__(self, name: str) -> NDArray[np.float64]:
+            if name.startswith("_"):
+                raise AttributeError(name)
+            if name in self._arrays:
+                return self._arrays[name]
+            raise AttributeError(self._without(name))
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._arrays]
+
+    def _without(self, name: str) -> str:
+        """Return why there is no field of a name."""
         if not len(self.time):
-            raise KeyError(f"{name!r}: the scene asks for no snapshots; set output.fields_every")
-        raise KeyError(f"no field {name!r}; there are {', '.join(self._arrays)}")
-
-    @property
-    def deflection(self) -> NDArray[np.float64]:
-        """Deflection, in m, shape (snapshots, points)."""
-        return self["deflection"]
-
-    @property
-    def velocity(self) -> NDArray[np.float64]:
-        """Velocity, in m/s, shape (snapshots, points)."""
-        return self["velocity"]
+            return f"{name}: {_NO_SNAPSHOTS}"
+        return f"the scene has no field {name!r}; there are {', '.join(self._arrays)}"
 
     @property
     def triangles(self) -> NDArray[np.int64]:
@@ -154,6 +187,8 @@ class Fields:
             import pyvista
         except ImportError as error:
             raise ImportError("to_pyvista needs pyvista: pip install pyvista") from error
+        if not len(self.time):
+            raise UsageError(f"to_pyvista: {_NO_SNAPSHOTS}")
         deflection = self.deflection[snapshot]
         counts = (self.cells >= 0).sum(axis=1)
         rows = np.column_stack([counts, self.cells])

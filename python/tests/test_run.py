@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import csv
 import json
 import os
@@ -273,8 +274,16 @@ def test_fields_are_those_of_the_displacements(fall: rebond.Scene) -> None:
     areas = 0.5 * (ax * by - ay * bx)
     assert areas.min() > 0 and areas.sum() == pytest.approx(1.2 * 0.4)
     assert sorted(set(fields.parents)) == list(range(12))
+    for name in fields.names:
+        assert getattr(fields, name) is fields[name] and name in dir(fields), name
+    assert {"gap", "reaction", "slope", "floor", "cell_velocity"} <= set(fields.names)
+    words = "^the scene has no field 'von_mises'; there are deflection, velocity, .*, reaction$"
     with pytest.raises(KeyError, match="no field 'von_mises'; there are .*deflection"):
         fields["von_mises"]
+    with pytest.raises(AttributeError, match=words):
+        fields.von_mises
+    assert not hasattr(fields, "ceiling") and "ceiling" not in dir(fields)
+    assert copy.copy(fields).gap is fields.gap
     silent = rebond.run(fall.set({"time.end": 1e-3, "output": {"probes": []}}))
     assert len(silent.probes) == 0
 
@@ -350,6 +359,14 @@ def test_fields_become_a_grid_of_pyvista(
     monkeypatch.setitem(sys.modules, "pyvista", None)
     with pytest.raises(ImportError, match="to_pyvista needs pyvista: pip install pyvista"):
         fields.to_pyvista()
+    monkeypatch.setitem(sys.modules, "pyvista", stand_in)
+    without = FALL.replace("output.fields_every = 400\n", "")
+    silent = rebond.run(rebond.Scene.from_text(without).set("time.end=1e-3")).fields
+    words = "the scene asks for no snapshots; set output.fields_every$"
+    with pytest.raises(rebond.UsageError, match=f"^to_pyvista: {words}"):
+        silent.to_pyvista()
+    with pytest.raises(AttributeError, match=f"^gap: {words}"):
+        silent.gap
 
 
 def test_the_grid_of_pyvista_has_the_area_of_the_plate(fall: rebond.Scene) -> None:
