@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -169,3 +170,32 @@ def test_kept_modes_come_back_to_the_bit(tmp_path: Path, monkeypatch: pytest.Mon
         assert [path.name for path in (tmp_path / "command").iterdir()] == [file.name]
     finally:
         assert rebond.keep_modes("") is None
+
+
+def lines(axis: Any) -> np.ndarray:
+    """Return the points of the nodal lines in a picture of a mode."""
+    from matplotlib.contour import ContourSet
+
+    of_axis = [thing for thing in axis.get_children() if isinstance(thing, ContourSet)]
+    paths = [path for contour in of_axis for path in contour.get_paths()]
+    return np.concatenate([np.empty((0, 2)), *(path.vertices for path in paths)])
+
+
+def test_nodal_lines_are_drawn_where_the_sign_changes() -> None:
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    # Navier's modes have straight lines, here along edges of cells and between them.
+    first, second, *_ = rebond.Model(supported((12, 8))).modes(4).plot().axes
+    assert len(lines(first)) == 0
+    x, y = lines(second).T
+    assert x == pytest.approx(np.full(len(x), 0.3), abs=1e-3)
+    assert y.min() < 0.02 and y.max() > 0.38 and len(x) > 10
+    # Within a washer and along a clamped edge the plate is at rest.
+    bolt = '{ at = [0.1, 0.1], radius = 0.04, kind = "clamped" }'
+    edge = '{ edge = "right", kind = "clamped" }'
+    scene = supported((24, 16)).set(f"support=[{bolt}, {edge}]")
+    for axis in rebond.Model(scene).modes(6).plot().axes:
+        points = lines(axis)
+        assert np.hypot(*(points - [0.1, 0.1]).T).min(initial=1.0) > 0.03
+        assert points[:, 0].max(initial=0.0) < 0.6 - 1e-3
+    pyplot.close("all")
