@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from .model import Layout, Modes
-    from .runs import Run
+    from .runs import Run, Table
 
 #: Prefixes of units by powers of 1000.
 _PREFIXES = {-4: "p", -3: "n", -2: "µ", -1: "m", 0: "", 1: "k", 2: "M", 3: "G"}
+
+#: Least initial energy, relative to the largest, that the energies of a run are told from.
+_LEAST_START = 0.05
 
 #: Deflection relative to the largest that may be due to rounding.
 _ROUNDING = 1e-9
@@ -43,24 +46,83 @@ def _alone(figure: Any) -> Any:
     return figure
 
 
+class _Panel(NamedTuple):
+    """Curves over time on one axis, with the styles of some."""
+
+    label: str
+    unit: str
+    curves: dict[str, NDArray[Any]]
+    styles: dict[str, dict[str, Any]] = {}
+    #: Heights of obstacles with their names.
+    obstacles: list[tuple[float, str]] = []
+
+
+def _probes(run: Run) -> list[_Panel]:
+    """Return a panel per quantity of the probes, with the obstacles beside deflections."""
+    curves: dict[tuple[str, str], dict[str, NDArray[Any]]] = {}
+    for axis, (name, values) in zip(run.scene._native.axes, run.probes.items()):
+        curves.setdefault(axis, {})[name] = values
+    panels = [_Panel(*axis, of_axis) for axis, of_axis in curves.items()]
+    obstacles = run.scene._native.obstacles(run.summary["opposite"])
+    return [
+        panel._replace(obstacles=obstacles) if panel.label == "deflection" else panel
+        for panel in panels
+    ]
+
+
+def _energies(history: Table) -> list[_Panel]:
+    """Return the panel of the energies; of a driven plate, that of what was put in and lost too."""
+    energy, kinetic, elastic, work = (
+        history[name] for name in ("energy", "kinetic", "elastic", "work")
+    )
+    driven = {"color": "tab:green", "linestyle": "-."}
+    parts = {"elastic": elastic, "kinetic": kinetic}
+    styles = {"kinetic": {"linestyle": "--"}, "work": driven}
+    whole = {"color": "black", "linewidth": 2.0}
+    largest = max(float(np.abs(values).max(initial=0.0)) for values in (energy, *parts.values()))
+    if len(energy) and energy[0] > _LEAST_START * largest:
+        curves = {"energy": energy, **parts, **({"work": work} if work.any() else {})}
+        return [_Panel("energy", "J", curves, {"energy": whole, **styles})]
+    stored = {"kinetic + elastic": kinetic + elastic, **parts}
+    exchanged = {"put in": work - work[:1], "lost": energy[:1] - energy}
+    return [
+        _Panel("energy", "J", stored, {"kinetic + elastic": whole, **styles}),
+        _Panel("since the start", "J", exchanged, {"put in": driven, "lost": {"color": "tab:red"}}),
+    ]
+
+
+def _is_near(height: float, curves: Iterable[NDArray[Any]]) -> bool:
+    """Return whether a height can be shown without compressing the curves too much."""
+    low, high = (extreme([extreme(values) for values in curves]) for extreme in (np.min, np.max))
+    return bool(low == high or abs(2 * height - low - high) <= 5 * (high - low))
+
+
 def history(run: Run) -> Any:
     """Draw the probes of a run and its energies over time; return the figure."""
     from matplotlib import pyplot
 
-    figure, axes = pyplot.subplots(2, 1, sharex=True, constrained_layout=True)
+    panels = [*_probes(run), *_energies(run.history)]
+    size = (7.2, max(2.4 * len(panels), 3.6))
+    figure, axes = pyplot.subplots(
+        len(panels), 1, sharex=True, squeeze=False, figsize=size, constrained_layout=True
+    )
     second, prefix = multiple([run.history["time"]])
     time = run.history["time"] / second
-    energies = {name: run.history[name] for name in ("energy", "kinetic", "elastic")}
-    for axis, label, unit, curves in zip(
-        axes, ("probes", "energy"), ("m", "J"), (dict(run.probes), energies)
-    ):
-        one, of_unit = multiple(curves.values())
-        for name, values in curves.items():
-            axis.plot(time, values / one, label=name)
-        axis.set_ylabel(f"{label} ({of_unit}{unit})")
-        if curves:
-            axis.legend(frameon=False)
-    axes[-1].set_xlabel(f"time ({prefix}s)")
+    for axis, panel in zip(axes.flat, panels):
+        one, of_unit = multiple(panel.curves.values()) if panel.unit else (1.0, "")
+        for name, values in panel.curves.items():
+            axis.plot(time, values / one, label=name, **panel.styles.get(name, {}))
+        names: set[str] = set()
+        for height, name in panel.obstacles:
+            if _is_near(height, panel.curves.values()):
+                label = None if name in names else name
+                axis.axhline(height / one, color="gray", linestyle=":", label=label)
+                names.add(name)
+        axis.set_ylabel(f"{panel.label} ({of_unit}{panel.unit})" if panel.unit else panel.label)
+        axis.margins(x=0)
+        # Beside the panel it lies on no curve.
+        axis.legend(frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    axes[-1, 0].set_xlabel(f"time ({prefix}s)")
     figure.suptitle(run.scene.title or "run")
     return _alone(figure)
 

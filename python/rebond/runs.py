@@ -250,7 +250,11 @@ class Run:
         self.folder = folder
 
     def plot(self) -> Any:
-        """Draw the probes and the energies over time by matplotlib, and return the figure."""
+        """Draw the probes and the energies over time by matplotlib, and return the figure.
+
+        The pictures are those of ``rebond plot``: deflections with the obstacles, and of a driven
+        plate what was put in and lost.
+        """
         return plots.history(self)
 
     def __repr__(self) -> str:

@@ -2,7 +2,11 @@
 
 use crate::errors::guarded;
 use pyo3::prelude::*;
+use rebond::output::plot::Obstacle;
+use rebond::output::resolved::obstacles;
+use rebond::quantity::raised;
 use rebond::scene::HISTORY_COLUMNS;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -93,6 +97,24 @@ impl Scene {
     #[getter]
     fn probes(&self) -> Vec<String> {
         self.scene.output.probes.iter().map(|probe| probe.name.clone()).collect()
+    }
+
+    /// Quantity and unit of each probe, for the axis of a picture.
+    #[getter]
+    fn axes(&self) -> Vec<(&'static str, String)> {
+        let axes = self.scene.output.probes.iter().map(|probe| probe.quantity.axis());
+        axes.map(|(quantity, unit)| (quantity, raised(unit))).collect()
+    }
+
+    /// Heights (m) and names of the obstacles that a history shows beside deflections, from the
+    /// heights opposite each probe.
+    fn obstacles(&self, opposite: BTreeMap<String, Vec<f64>>) -> Vec<(f64, String)> {
+        let resolved = serde_json::to_value(&self.scene).unwrap_or_default();
+        let named = |obstacle: Obstacle| match obstacle {
+            Obstacle::Part(height, name) => (height, name),
+            Obstacle::Below(height) | Obstacle::Above(height) => (height, "obstacle".to_owned()),
+        };
+        obstacles(&resolved, &opposite).into_iter().map(named).collect()
     }
 
     #[getter]

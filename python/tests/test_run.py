@@ -302,6 +302,42 @@ def test_events_of_the_exact_scheme(fall: rebond.Scene) -> None:
         run.history["tip"]
 
 
+def names(figure: Any) -> list[list[str]]:
+    """Return what the legends of a figure say."""
+    return [[text.get_text() for text in axis.get_legend().get_texts()] for axis in figure.axes]
+
+
+def test_a_driven_run_is_drawn_as_by_the_command(fall: rebond.Scene) -> None:
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    probes = "[{ name = 'tip', at = [1.2, 0] }, { name = 'speed', at = [1.2, 0], quantity = 'velocity' }]"
+    stop = "obstacle=[{ side = 'below', height = -2e-3, at = [1.2, 0], name = 'bumper' }]"
+    far = "[{ side = 'below', height = -1, name = 'floor' }]"
+    shock = "load.base_acceleration=50*sin(200*t)"
+    changes = ("initial.static_pressure=0", shock, f"output.probes={probes}", "damping.mass=20")
+    run = rebond.run(fall.set(stop, *changes))
+    figure = run.plot()
+    labels = ["deflection (mm)", "velocity (m/s)", "energy (J)", "since the start (J)"]
+    assert [axis.get_ylabel() for axis in figure.axes] == labels
+    whole = ["kinetic + elastic", "elastic", "kinetic"]
+    assert names(figure) == [["tip", "bumper"], ["speed"], whole, ["put in", "lost"]]
+    history = run.history
+    stored, put_in, lost = (
+        next(line.get_ydata() for line in axis.get_lines() if line.get_label() == label)
+        for axis, label in zip(figure.axes[2:3] + figure.axes[3:] * 2, ("kinetic + elastic", "put in", "lost"))
+    )
+    assert stored == pytest.approx(history["kinetic"] + history["elastic"])
+    assert stored == pytest.approx(put_in - lost) and stored.min() >= 0 and lost[-1] > 0
+    # Legends stand beside the panels.
+    figure.canvas.draw()
+    for axis in figure.axes:
+        assert axis.get_legend().get_window_extent().x0 >= axis.get_window_extent().x1
+    # A stop far from all curves would flatten them.
+    still = rebond.run(fall.set(f"obstacle={far}", *changes)).plot()
+    assert names(still)[0] == ["tip"]
+    pyplot.close("all")
+
+
 def test_a_file_runs_and_is_drawn(tmp_path: Path) -> None:
     pyplot = pytest.importorskip("matplotlib.pyplot")
     pyplot.switch_backend("Agg")
@@ -309,7 +345,8 @@ def test_a_file_runs_and_is_drawn(tmp_path: Path) -> None:
     run = rebond.run(tmp_path / "fall.toml")
     assert run.finished and run.summary["largest_deflection"]["value"] > 0.2
     figure = run.plot()
-    assert [axis.get_ylabel() for axis in figure.axes] == ["probes (mm)", "energy (J)"]
+    assert [axis.get_ylabel() for axis in figure.axes] == ["deflection (mm)", "energy (J)"]
+    assert names(figure) == [["corner", "middle", "obstacle"], ["energy", "elastic", "kinetic"]]
     assert figure.axes[-1].get_xlabel() == "time (ms)"
     modes = rebond.Model(run.scene).modes(4)
     assert repr(modes).startswith("<rebond.Modes: 4 modes, 5.9") and repr(modes).endswith(" Hz>")
