@@ -55,64 +55,63 @@ pub fn equilibrium<E: Engine + 'static>(
     load: &[f64],
     bounds: &Bounds,
 ) -> Result<Equilibrium> {
+    let plate = PlateUnderLoad { engine, stiffness, load, bounds };
     let matrix = stiffness.into();
     if let Some(mut rough) = engine.rough_factor(&matrix)? {
         let error = estimate_factor_error(engine, &matrix, rough.as_mut())?;
         if error <= MOST_SPOILT {
             let solver = Condensed::with_factor(engine, rough, error, bounds.len())?;
-            return corrected(engine, solver, &matrix, stiffness, load, bounds);
+            return plate.corrected(solver, &matrix);
         }
-        if let Some(answer) = free_equilibrium(engine, rough, stiffness, load, bounds)? {
+        if let Some(answer) = plate.free_equilibrium(rough)? {
             return Ok(answer);
         }
     }
     let solver = Condensed::new(engine, &matrix, bounds.len())?;
-    corrected(engine, solver, &matrix, stiffness, load, bounds)
+    plate.corrected(solver, &matrix)
 }
 
-/// Solves the static equilibrium by a solver and corrections with the residual.
-fn corrected<E: Engine + 'static>(
-    engine: &E,
-    solver: Condensed,
-    matrix: &LinearCombination,
-    stiffness: &Form,
-    load: &[f64],
-    bounds: &Bounds,
-) -> Result<Equilibrium> {
-    let mut search = Search::new(engine, solver, matrix, stiffness, load, bounds)?;
-    let mut length = 0.0;
-    for _ in 0..=CORRECTIONS {
-        length = search.increment()?;
-        search.add(1.0);
-    }
-    search.measure(length)?;
-    Ok((search.u, search.reaction, search.report))
+/// Plate in equilibrium under a load F (N) and bounds, with its stiffness K.
+struct PlateUnderLoad<'s, E> {
+    engine: &'s E,
+    stiffness: &'s Form,
+    load: &'s [f64],
+    bounds: &'s Bounds,
 }
 
-/// Solves the static equilibrium with a factor of K that rounding has spoilt. Returns `None` where
-/// the plate would cross a bound, or the answer is not accurate. Collective.
-fn free_equilibrium<E: Engine>(
-    engine: &E,
-    mut factor: Box<dyn Factor>,
-    stiffness: &Form,
-    load: &[f64],
-    bounds: &Bounds,
-) -> Result<Option<Equilibrium>> {
-    let Some(mut u) = conjugate_gradients::solve(engine, stiffness, factor.as_mut(), load)? else {
-        return Ok(None);
-    };
-    if engine.comm().all_reduce_any(bounds.are_crossed(&u)) {
-        return Ok(None);
+impl<'s, E: Engine + 'static> PlateUnderLoad<'s, E> {
+    /// Solves the static equilibrium by a solver and corrections with the residual.
+    fn corrected(self, solver: Condensed, matrix: &'s LinearCombination<'s>) -> Result<Equilibrium> {
+        let mut search = Search::new(self, solver, matrix)?;
+        let mut length = 0.0;
+        for _ in 0..=CORRECTIONS {
+            length = search.increment()?;
+            search.add(1.0);
+        }
+        search.measure(length)?;
+        Ok((search.u, search.reaction, search.report))
     }
-    let mut reaction = vec![0.0; bounds.len()];
-    let largest = u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs()));
-    let matrix = stiffness.into();
-    let length = engine.comm().all_reduce_max(largest);
-    let problem = Problem { matrix: &matrix, rhs: load, bounds, length };
-    let answer = Answer { x: &mut u, reaction: &mut reaction };
-    let kkt = KktCheck::new(engine, &matrix)?.residual(engine, &problem, &[], &answer)?;
-    let report = StepReport { kkt, ..StepReport::default() };
-    Ok((kkt <= ACCURATE).then_some((u, reaction, report)))
+
+    /// Solves the static equilibrium with a factor of K that rounding has spoilt. Returns `None` where
+    /// the plate would cross a bound, or the answer is not accurate. Collective.
+    fn free_equilibrium(&self, mut factor: Box<dyn Factor>) -> Result<Option<Equilibrium>> {
+        let PlateUnderLoad { engine, stiffness, load, bounds } = *self;
+        let Some(mut u) = conjugate_gradients::solve(engine, stiffness, factor.as_mut(), load)? else {
+            return Ok(None);
+        };
+        if engine.comm().all_reduce_any(bounds.are_crossed(&u)) {
+            return Ok(None);
+        }
+        let mut reaction = vec![0.0; bounds.len()];
+        let largest = u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs()));
+        let matrix = stiffness.into();
+        let length = engine.comm().all_reduce_max(largest);
+        let problem = Problem { matrix: &matrix, rhs: load, bounds, length };
+        let answer = Answer { x: &mut u, reaction: &mut reaction };
+        let kkt = KktCheck::new(engine, &matrix)?.residual(engine, &problem, &[], &answer)?;
+        let report = StepReport { kkt, ..StepReport::default() };
+        Ok((kkt <= ACCURATE).then_some((u, reaction, report)))
+    }
 }
 
 /// Solves the static equilibrium under bounds of a structure supported by the bounds alone: K is
@@ -138,7 +137,8 @@ pub fn equilibrium_on_bounds<'f, E: Engine + 'static>(
 ) -> Result<Equilibrium> {
     let held = stiffness + hold;
     let solver = Condensed::new(engine, &held, bounds.len())?;
-    let mut search = Search::new(engine, solver, &held, stiffness, load, bounds)?;
+    let plate = PlateUnderLoad { engine, stiffness, load, bounds };
+    let mut search = Search::new(plate, solver, &held)?;
     let mut last = Last::default();
     let (mut best, mut idle) = (f64::INFINITY, 0);
     for _ in 0..MAX_STEPS {
@@ -171,11 +171,8 @@ struct Last {
 
 /// Iteration for the equilibrium by increments of the deflection.
 struct Search<'s, E: Engine> {
-    engine: &'s E,
+    plate: PlateUnderLoad<'s, E>,
     matrix: &'s LinearCombination<'s>,
-    stiffness: &'s Form,
-    load: &'s [f64],
-    bounds: &'s Bounds,
     step: CheckedSolver<E>,
     /// Check of the whole deflection, with K alone.
     check: KktCheck,
@@ -193,20 +190,15 @@ struct Search<'s, E: Engine> {
 impl<'s, E: Engine + 'static> Search<'s, E> {
     /// Starts at U = 0, with increments from this solver of this matrix.
     fn new(
-        engine: &'s E,
+        plate: PlateUnderLoad<'s, E>,
         solver: Condensed,
         matrix: &'s LinearCombination<'s>,
-        stiffness: &'s Form,
-        load: &'s [f64],
-        bounds: &'s Bounds,
     ) -> Result<Search<'s, E>> {
+        let PlateUnderLoad { engine, stiffness, bounds, .. } = plate;
         let zeros = || vec![0.0; engine.dofs()];
         Ok(Search {
-            engine,
+            plate,
             matrix,
-            stiffness,
-            load,
-            bounds,
             step: CheckedSolver::new(Box::new(solver), engine, matrix)?,
             check: KktCheck::new(engine, &stiffness.into())?,
             u: zeros(),
@@ -220,25 +212,22 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
 
     /// Solves for the next increment. Returns the length scale of the deflection, in m. Collective.
     fn increment(&mut self) -> Result<f64> {
-        let Search { engine, matrix, u, x, b, remaining, bounds, reaction, .. } = self;
-        engine.multiply(self.stiffness, u, b)?;
-        aypx(-1.0, self.load, b);
+        let Search { plate, matrix, u, x, b, remaining, reaction, .. } = self;
+        let PlateUnderLoad { engine, stiffness, load, bounds } = *plate;
+        engine.multiply(stiffness, u, b)?;
+        aypx(-1.0, load, b);
         remaining.shift(bounds, u);
         let length = engine.comm().all_reduce_max(u.iter().fold(bounds.magnitude(), |m, u| m.max(u.abs())));
         let problem = Problem { matrix, rhs: b, bounds: remaining, length };
         let step = self.step.solve(engine, &problem, &mut Answer { x, reaction })?;
-        self.report = StepReport {
-            iterations: self.report.iterations + step.iterations,
-            kkt: step.kkt,
-            retries: self.report.retries + step.retries,
-        };
+        self.report = StepReport { kkt: step.kkt, ..self.report.and(step) };
         Ok(length)
     }
 
     /// Returns the largest magnitude of a bounded deflection, in m. Collective.
     fn largest(&self, x: &[f64]) -> Result<f64> {
         let most = self.remaining.dofs.iter().fold(0.0, |most: f64, &dof| most.max(x[dof].abs()));
-        Ok(self.engine.comm().all_reduce_max(most))
+        Ok(self.plate.engine.comm().all_reduce_max(most))
     }
 
     /// Returns whether x leaves all deflections with a nonzero reaction unchanged. Collective.
@@ -246,7 +235,7 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
         let stays = ZERO_INCREMENT * self.largest(x)?;
         let moves = |(r, &dof): (&f64, &usize)| *r != 0.0 && x[dof].abs() > stays;
         let moves = self.reaction.iter().zip(&self.remaining.dofs).any(moves);
-        Ok(!self.engine.comm().all_reduce_any(moves))
+        Ok(!self.plate.engine.comm().all_reduce_any(moves))
     }
 
     /// Makes the increment conjugate to the last one if the active bounds are the same. Collective.
@@ -254,10 +243,10 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
         let same = last.is_free && last.curvature > 0.0;
         last.is_used = same && self.bearing_stays(&last.increment)? && self.bearing_stays(&self.x)?;
         if last.is_used {
-            let part = self.engine.dot(&self.x, &last.force)? / last.curvature;
+            let part = self.plate.engine.dot(&self.x, &last.force)? / last.curvature;
             let mut with = self.x.clone();
             axpy(-part, &last.increment, &mut with);
-            last.is_used = self.engine.dot(&self.b, &with)? > 0.0;
+            last.is_used = self.plate.engine.dot(&self.b, &with)? > 0.0;
             if last.is_used {
                 self.x = with;
             }
@@ -269,7 +258,7 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
     /// at least 1 unless the increment was made conjugate, since a full increment is within the
     /// bounds. Collective.
     fn step_length(&self, last: &mut Last) -> Result<f64> {
-        let Search { engine, x, b, remaining, .. } = self;
+        let Search { plate: PlateUnderLoad { engine, stiffness, .. }, x, b, remaining, .. } = self;
         let stays = ZERO_INCREMENT * self.largest(x)?;
         let room = |(i, &dof): (usize, &usize)| match x[dof] {
             x if x > stays => remaining.rigid(i)[1] / x,
@@ -280,7 +269,7 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
         let room = -engine.comm().all_reduce_max(-room);
         last.force.resize(x.len(), 0.0);
         last.increment.clone_from(x);
-        last.curvature = engine.multiply(self.stiffness, x, &mut last.force)?;
+        last.curvature = engine.multiply(stiffness, x, &mut last.force)?;
         let force = engine.dot(b, x)?;
         let least = match remaining.laws.are_rigid() {
             true => force / last.curvature,
@@ -299,7 +288,7 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
     /// bounds that yield is least. The parts of its slope are the work of the increment and its
     /// curvature without such bounds. Collective.
     fn least_yielding(&self, [work, curvature]: [f64; 2], room: f64) -> f64 {
-        let Search { engine, x, remaining, .. } = self;
+        let Search { plate: PlateUnderLoad { engine, .. }, x, remaining, .. } = self;
         let slope = |multiple: f64| {
             let of_bound = |(i, &dof): (usize, &usize)| x[dof] * remaining.reaction(i, multiple * x[dof]);
             let share: f64 = remaining.dofs.iter().enumerate().map(of_bound).sum();
@@ -324,9 +313,10 @@ impl<'s, E: Engine + 'static> Search<'s, E> {
     /// displacements, by the right-hand side and by the forces of bounds that yield, and has no
     /// correct digit.
     fn measure(&mut self, length: f64) -> Result<f64> {
-        let Search { engine, stiffness, load, bounds, check, u, reaction, report, .. } = self;
-        let problem = Problem { matrix: &(*stiffness).into(), rhs: load, bounds, length };
-        report.kkt = check.residual(*engine, &problem, &[], &Answer { x: u, reaction })?;
+        let Search { plate, check, u, reaction, report, .. } = self;
+        let PlateUnderLoad { engine, stiffness, load, bounds } = *plate;
+        let problem = Problem { matrix: &stiffness.into(), rhs: load, bounds, length };
+        report.kkt = check.residual(engine, &problem, &[], &Answer { x: u, reaction })?;
         Ok(report.kkt)
     }
 
