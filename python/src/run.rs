@@ -49,12 +49,8 @@ impl Task {
         let mut collector = Collector::new(scene, end, self.pace);
         let (collector, files, (outcome, ended)) = if lock.is_some() {
             let mut both = Both(collector, files);
-            let done = match from {
-                None => model.run(scene, &mut both)?,
-                Some(from) => {
-                    simulation::resume(scene, &model, &simulation::condensed, from.pause, &mut both)?
-                }
-            };
+            let pause = from.map(|from| from.pause);
+            let done = simulation::resume(scene, &model, &simulation::condensed, pause, &mut both)?;
             (both.0, Some(both.1), done)
         } else {
             let done = model.run(scene, &mut collector)?;

@@ -95,10 +95,8 @@ impl Job {
             terminal.begin(from.as_ref());
         }
         let mut observer = Both(terminal, files);
-        let (outcome, ended) = match from {
-            None => simulation::run(scene, model, solver, &mut observer)?,
-            Some(from) => simulation::resume(scene, model, solver, from.pause, &mut observer)?,
-        };
+        let pause = from.map(|from| from.pause);
+        let (outcome, ended) = simulation::resume(scene, model, solver, pause, &mut observer)?;
         let Both(terminal, files) = observer;
         if !files.has_tables() {
             return ended;

@@ -1,15 +1,13 @@
 //! Summary of a run: its impacts, contacts and energies.
 
-use super::contacts::ContactTotal;
-use super::{DeflectionDof, Extremes, LargestDeflection, Model, NamedForce, NodeEvent, Observer};
+use super::{DeflectionDof, Extremes, LargestDeflection, Model, NamedForce};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::linalg::{Engine, LinearMethod, LinearSolves};
 use crate::obstacle::Bounds;
-use crate::scene::Scene;
-use crate::scheme::{Event, EventStatistics, RelaxationStatistics, Scheme, Solution, System};
+use crate::scheme::{EventStatistics, RelaxationStatistics, Solution, System};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
@@ -234,55 +232,6 @@ impl Outcome {
         archive.value(&mut self.worst_kkt)?;
         archive.value(&mut self.worst_penetration)?;
         archive.value(&mut self.seconds.blocks)
-    }
-
-    /// Records the events up to the present instant, and returns them.
-    pub(super) fn record_events<E: Engine>(
-        &mut self,
-        scene: &Scene,
-        model: &Model<E>,
-        scheme: &mut dyn Scheme,
-        observer: &mut dyn Observer,
-    ) -> Result<Vec<Event>> {
-        let events = scheme.take_events();
-        for &event in &events {
-            let Event { time, bound, closes, velocity, .. } = event;
-            let DeflectionDof { node, at, .. } = model.sites[bound];
-            if closes && self.first_impact.is_none() {
-                self.first_impact = Some(Impact { time, node, at, velocity });
-            }
-            add_contact(&mut self.contacts, scene.time.step, time);
-            observer.event(&NodeEvent { node, at, event })?;
-        }
-        Ok(events)
-    }
-
-    /// Records a step, given whether it had events and its contact. Collective.
-    pub(super) fn record<E: Engine>(
-        &mut self,
-        scene: &Scene,
-        model: &Model<E>,
-        scheme: &dyn Solution,
-        events: bool,
-        contact: &ContactTotal,
-    ) -> Result<()> {
-        let verdict = scheme.step_report();
-        self.steps = scheme.step();
-        self.vi_iterations += u64::from(verdict.iterations);
-        self.retries += u64::from(verdict.retries > 0);
-        if verdict.kkt > self.worst_kkt || verdict.kkt.is_nan() {
-            self.worst_kkt = verdict.kkt;
-        }
-        self.worst_penetration = self.worst_penetration.max(contact.penetration);
-        self.contact_steps += u64::from(contact.nodes > 0 || events);
-        if contact.nodes > 0 {
-            self.most_contact_nodes = self.most_contact_nodes.max(contact.nodes);
-            if self.first_impact.is_none() {
-                self.first_impact = first_impact(model, scheme, scene.time.step, &|_| true)?;
-            }
-            add_contact(&mut self.contacts, scene.time.step, scheme.time());
-        }
-        Ok(())
     }
 }
 

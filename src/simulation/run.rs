@@ -1,6 +1,6 @@
 //! Runs of a model: from the start, or from the state of an interrupted run.
 
-use super::time_loop::{RunMonitor, time_loop};
+use super::time_loop::{RunMonitor, TimeLoop, time_loop};
 use super::{Model, Observer, Outcome, RunState, condensed, phase};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
@@ -21,10 +21,7 @@ pub fn run<E: Engine>(
     solver: &SolverFactory<E>,
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
-    let clock = Instant::now();
-    phase("factorisation");
-    let mut scheme = model.scheme_with(scene, solver).map_err(|why| scene.explain(why))?;
-    run_scheme(scene, model, scheme.as_mut(), clock.elapsed().as_secs_f64(), observer)
+    resume(scene, model, solver, None, observer)
 }
 
 impl<E: Engine + 'static> Model<E> {
@@ -37,8 +34,8 @@ impl<E: Engine + 'static> Model<E> {
     }
 }
 
-/// Runs a model like [`run`], from a paused run of the same scene. The resumed run is bitwise
-/// identical to an uninterrupted one.
+/// Runs a model like [`run`], from a paused run of the same scene, if there is one. The resumed run
+/// is bitwise identical to an uninterrupted one.
 ///
 /// # Errors
 /// Returns the same errors as [`run`], and [`crate::Error::Checkpoint`] for the state of another
@@ -47,13 +44,13 @@ pub fn resume<E: Engine>(
     scene: &Scene,
     model: &Model<E>,
     solver: &SolverFactory<E>,
-    state: RunState,
+    from: Option<RunState>,
     observer: &mut dyn Observer,
 ) -> Result<(Outcome, Result<()>)> {
     let clock = Instant::now();
     phase("factorisation");
     let mut scheme = model.scheme_with(scene, solver).map_err(|why| scene.explain(why))?;
-    let part = Some(state.part(model)?);
+    let part = from.map(|state| state.part(model)).transpose()?;
     run_from(scene, model, scheme.as_mut(), clock.elapsed().as_secs_f64(), part, observer)
 }
 
@@ -88,7 +85,16 @@ fn run_from<E: Engine>(
     if let Some(mut archive) = from {
         monitor.archive(model, scheme, &mut outcome, &mut archive)?;
     }
-    let ended = time_loop(scene, model, scheme, &mut outcome, &mut monitor, observer);
+    let ended = time_loop(TimeLoop {
+        scene,
+        model,
+        scheme,
+        outcome: &mut outcome,
+        monitor: &mut monitor,
+        observer,
+        probes: vec![0.0; model.probes.len()],
+        observed: Ok(()),
+    });
     outcome.forces = monitor.forces.summary(scheme.time());
     let dissipated = model.friction(scene, scheme).into_iter();
     outcome.dissipated = scene.slider_names().zip(dissipated.map(|[_, dissipated]| dissipated)).collect();
@@ -107,7 +113,7 @@ fn run_from<E: Engine>(
         outcome.worst_penetration = comm.all_reduce_max(outcome.worst_penetration);
         outcome.largest_deflection = monitor.deflection.largest(comm);
     }
-    outcome.seconds.blocks = monitor.seconds();
+    outcome.seconds.blocks = monitor.clock.seconds;
     outcome.seconds.stepping = outcome.seconds.blocks.total();
     Ok((outcome, ended))
 }

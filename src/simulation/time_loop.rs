@@ -4,9 +4,12 @@ use super::contacts::{ContactRecorder, ContactTotal};
 use super::deflection::DeflectionWatch;
 use super::extremes::{Extremes, StressWatch};
 use super::forces::ForceRecorder;
+use super::outcome::{add_contact, first_impact};
 use super::readings::Accelerations;
 use super::step_check::{GUARD_EVERY, check_residual};
-use super::{BlockSeconds, Contact, DeflectionDof, Model, Observer, Outcome, Row, RunState};
+use super::{
+    BlockSeconds, Contact, DeflectionDof, Impact, Model, NodeEvent, Observer, Outcome, Row, RunState,
+};
 use crate::archive::Archive;
 use crate::communicator::Communicator;
 use crate::energy::Guard;
@@ -39,32 +42,23 @@ struct StepContact {
 }
 
 /// Main loop of a run: all objects that a step reads or changes.
-struct TimeLoop<'r, E: Engine> {
-    scene: &'r Scene,
-    model: &'r Model<E>,
-    scheme: &'r mut dyn Scheme,
-    outcome: &'r mut Outcome,
-    monitor: &'r mut RunMonitor,
-    observer: &'r mut dyn Observer,
+pub(super) struct TimeLoop<'r, E: Engine> {
+    pub scene: &'r Scene,
+    pub model: &'r Model<E>,
+    pub scheme: &'r mut dyn Scheme,
+    pub outcome: &'r mut Outcome,
+    pub monitor: &'r mut RunMonitor,
+    pub observer: &'r mut dyn Observer,
     /// Quantities at the probes.
-    probes: Vec<f64>,
+    pub probes: Vec<f64>,
     /// Result of this process's observer, for instance an error of a full disk; the process
     /// continues until all processes know of it.
-    observed: Result<()>,
+    pub observed: Result<()>,
 }
 
 /// Steps the scheme from its present step to the end of the scene, and records each step.
 /// Collective.
-pub(super) fn time_loop<E: Engine>(
-    scene: &Scene,
-    model: &Model<E>,
-    scheme: &mut dyn Scheme,
-    outcome: &mut Outcome,
-    monitor: &mut RunMonitor,
-    observer: &mut dyn Observer,
-) -> Result<()> {
-    let probes = vec![0.0; model.probes.len()];
-    let mut run = TimeLoop { scene, model, scheme, outcome, monitor, observer, probes, observed: Ok(()) };
+pub(super) fn time_loop<E: Engine>(mut run: TimeLoop<E>) -> Result<()> {
     run.observer.begin(run.outcome.energy.start);
     // A resumed run may start at a step that was recorded before the interruption.
     if run.monitor.is_recorded {
@@ -126,12 +120,43 @@ impl<E: Engine> TimeLoop<'_, E> {
 
     /// Records the step and its events in the outcome.
     fn record_events(&mut self) -> Result<StepContact> {
-        let events = self.outcome.record_events(self.scene, self.model, self.scheme, self.observer)?;
-        let is_free = self.scheme.record().is_free(self.scheme.limits());
-        let has_events = !events.is_empty();
-        let total = self.monitor.forces.contact(self.model, self.scheme, is_free)?;
-        self.outcome.record(self.scene, self.model, self.scheme, has_events, &total)?;
+        let TimeLoop { scene, model, scheme, outcome, monitor, observer, .. } = self;
+        let events = scheme.take_events();
+        for &event in &events {
+            let Event { time, bound, closes, velocity, .. } = event;
+            let DeflectionDof { node, at, .. } = model.sites[bound];
+            if closes && outcome.first_impact.is_none() {
+                outcome.first_impact = Some(Impact { time, node, at, velocity });
+            }
+            add_contact(&mut outcome.contacts, scene.time.step, time);
+            observer.event(&NodeEvent { node, at, event })?;
+        }
+        let is_free = scheme.record().is_free(scheme.limits());
+        let total = monitor.forces.contact(model, *scheme, is_free)?;
+        self.record_contact(!events.is_empty(), &total)?;
         Ok(StepContact { total, events, is_free })
+    }
+
+    /// Records the step in the outcome, given whether it had events and its contact.
+    fn record_contact(&mut self, has_events: bool, contact: &ContactTotal) -> Result<()> {
+        let TimeLoop { scene, model, scheme, outcome, .. } = self;
+        let verdict = scheme.step_report();
+        outcome.steps = scheme.step();
+        outcome.vi_iterations += u64::from(verdict.iterations);
+        outcome.retries += u64::from(verdict.retries > 0);
+        if verdict.kkt > outcome.worst_kkt || verdict.kkt.is_nan() {
+            outcome.worst_kkt = verdict.kkt;
+        }
+        outcome.worst_penetration = outcome.worst_penetration.max(contact.penetration);
+        outcome.contact_steps += u64::from(contact.nodes > 0 || has_events);
+        if contact.nodes > 0 {
+            outcome.most_contact_nodes = outcome.most_contact_nodes.max(contact.nodes);
+            if outcome.first_impact.is_none() {
+                outcome.first_impact = first_impact(model, *scheme, scene.time.step, &|_| true)?;
+            }
+            add_contact(&mut outcome.contacts, scene.time.step, scheme.time());
+        }
+        Ok(())
     }
 
     /// Checks the answer of the contact solver.
@@ -345,7 +370,7 @@ pub(super) struct RunMonitor {
     pub(super) forces: ForceRecorder,
     /// Whether the present step has been recorded.
     is_recorded: bool,
-    clock: BlockClock,
+    pub(super) clock: BlockClock,
 }
 
 /// Stopwatch that adds the time since its last reading to a block of the main loop.
@@ -353,9 +378,9 @@ pub(super) struct RunMonitor {
 /// The loop reads the stopwatch twice per step, and after rows, snapshots and checkpoints where
 /// they are due. The time that other steps take to find out whether they are due counts with the
 /// next block.
-struct BlockClock {
+pub(super) struct BlockClock {
     read: Instant,
-    seconds: BlockSeconds,
+    pub seconds: BlockSeconds,
 }
 
 impl BlockClock {
@@ -395,11 +420,6 @@ impl RunMonitor {
         })
     }
 
-    /// Returns the time of all steps so far by block, in s.
-    pub(super) fn seconds(&self) -> BlockSeconds {
-        self.clock.seconds
-    }
-
     /// Returns the extremes of the run so far, if the scene asks for them. Collective.
     pub(super) fn extremes<E: Engine>(&self, model: &Model<E>) -> Option<Extremes> {
         let von_mises = self.stresses.as_ref()?.largest(model.system.engine.comm())?;
@@ -427,7 +447,7 @@ impl RunMonitor {
         }
         self.forces.archive(archive)?;
         // A last state has no times, so that equal runs leave equal bytes.
-        outcome.seconds.blocks = if self.is_recorded { self.seconds() } else { BlockSeconds::default() };
+        outcome.seconds.blocks = if self.is_recorded { self.clock.seconds } else { BlockSeconds::default() };
         outcome.worst_penetration = model.system.engine.comm().all_reduce_max(outcome.worst_penetration);
         outcome.archive(archive)?;
         if !archive.saves() {

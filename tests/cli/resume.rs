@@ -127,7 +127,7 @@ fn goes_on(overrides: &[&str]) {
         let model = Model::new(&scene).unwrap();
         let mut rest = Diary { step: pause.step + 1, ..Diary::default() };
         let (resumed, ended) =
-            simulation::resume(&scene, &model, &simulation::condensed, through_bytes(pause), &mut rest)
+            simulation::resume(&scene, &model, &simulation::condensed, Some(through_bytes(pause)), &mut rest)
                 .unwrap();
         ended.unwrap();
         let expected: Vec<_> = whole.entries.iter().filter(|(step, _)| *step > pause.step).collect();
@@ -159,7 +159,7 @@ fn goes_on_to_a_later_end(overrides: &[&str]) {
         assert!(whole.entries[..before] == short.entries[..before], "{overrides:?}");
         let mut rest = Diary { step: pause.step, ..Diary::default() };
         let model = Model::new(&scene).unwrap();
-        let pause = through_bytes(&pause);
+        let pause = Some(through_bytes(&pause));
         let (outcome, ended) =
             simulation::resume(&scene, &model, &simulation::condensed, pause, &mut rest).unwrap();
         ended.unwrap();
