@@ -101,7 +101,7 @@ fn natural_modes(host: &Host, count: usize, mass: &str) -> rebond::Result<(Vec<f
         }
     };
     let is_loose = model.mechanism.is_some() || !host.scene.attachments.balls.is_empty();
-    let modes = modes::shapes(&system.engine, &system.stiffness, mass, count, is_loose)?;
+    let modes = modes::shapes(&system.engine, [&system.stiffness, mass], count, is_loose)?;
     let frequencies = modes.iter().map(|mode| mode.frequency).collect();
     Ok((frequencies, modes.into_iter().flat_map(|mode| mode.shape).collect()))
 }

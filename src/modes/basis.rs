@@ -91,13 +91,12 @@ impl ModalBasis {
 /// Returns [`Error::Memory`] where the vectors do not fit, and the errors of the engine.
 pub fn lowest_basis<E: Engine>(
     engine: &E,
-    stiffness: &Form,
-    mass: &Form,
+    forms: [&Form; 2],
     range: ModeRange,
     mechanism: bool,
 ) -> Result<ModalBasis> {
-    refuse_more_than(most_modes(engine, mass), range)?;
-    let basis = lowest_existing(engine, [stiffness, mass], range, mechanism)?;
+    refuse_more_than(most_modes(engine, forms[1]), range)?;
+    let basis = lowest_existing(engine, forms, range, mechanism)?;
     refuse_more_than(basis.squares.len(), range)?;
     Ok(basis)
 }

@@ -55,9 +55,7 @@ pub(crate) fn kept_basis<E: Engine>(
             next,
         ));
     }
-    let [stiffness, mass] = forms;
-    let ModalBasis { squares, shapes, momenta, next, .. } =
-        lowest_basis(engine, stiffness, mass, range, mechanism)?;
+    let ModalBasis { squares, shapes, momenta, next, .. } = lowest_basis(engine, forms, range, mechanism)?;
     if let Some((store, key)) = place {
         let mode = |j| (squares[j], shapes.col_as_slice(j), momenta.col_as_slice(j));
         let modes: Vec<_> = (0..squares.len()).map(mode).collect();

@@ -42,41 +42,29 @@ pub struct Mode {
     pub shape: Vec<f64>,
 }
 
-/// Returns the `count` lowest natural frequencies, ascending and with their multiplicity, or fewer
-/// if there are no more, in Hz.
+/// Returns the `count` lowest natural frequencies of a stiffness and a mass, ascending and with
+/// their multiplicity, or fewer if there are no more, in Hz.
 ///
 /// # Errors
 /// Returns the errors of [`shapes`].
-pub fn lowest<E: Engine>(
-    engine: &E,
-    stiffness: &Form,
-    mass: &Form,
-    count: usize,
-    mechanism: bool,
-) -> Result<Vec<f64>> {
-    let modes = shapes(engine, stiffness, mass, count, mechanism)?;
+pub fn lowest<E: Engine>(engine: &E, forms: [&Form; 2], count: usize, mechanism: bool) -> Result<Vec<f64>> {
+    let modes = shapes(engine, forms, count, mechanism)?;
     Ok(modes.into_iter().map(|mode| mode.frequency).collect())
 }
 
-/// Returns the `count` lowest natural modes, ascending, or fewer if there are no more. A modal mass
-/// has its modes with it.
+/// Returns the `count` lowest natural modes of a stiffness and a mass, ascending, or fewer if there
+/// are no more. A modal mass has its modes with it.
 ///
 /// `mechanism` says that K is singular: the rigid motions come first, at exactly 0 Hz.
 ///
 /// # Errors
 /// Returns the errors of [`lowest_basis`], except that a lower number of modes is none.
-pub fn shapes<E: Engine>(
-    engine: &E,
-    stiffness: &Form,
-    mass: &Form,
-    count: usize,
-    mechanism: bool,
-) -> Result<Vec<Mode>> {
+pub fn shapes<E: Engine>(engine: &E, forms: [&Form; 2], count: usize, mechanism: bool) -> Result<Vec<Mode>> {
     let basis;
-    let (squares, shapes) = match mass {
+    let (squares, shapes) = match forms[1] {
         Form::Modal { modes, .. } => (&modes.squares, &modes.shapes),
         _ => {
-            basis = lowest_existing(engine, [stiffness, mass], ModeRange::Count(count), mechanism)?;
+            basis = lowest_existing(engine, forms, ModeRange::Count(count), mechanism)?;
             (&basis.squares, &basis.shapes)
         }
     };

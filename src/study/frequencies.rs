@@ -75,7 +75,7 @@ pub(super) fn frequencies(model: &Model, mass: &Form, mechanism: bool) -> Result
         Form::Modal { modes, .. } => modes.squares.last().map(|square| square.sqrt() / TAU),
         _ => modes::highest(engine, stiffness, mass).ok(),
     };
-    Ok(Frequencies { lowest: modes::lowest(engine, stiffness, mass, MODES, mechanism)?, highest })
+    Ok(Frequencies { lowest: modes::lowest(engine, [stiffness, mass], MODES, mechanism)?, highest })
 }
 
 /// Returns the step that keeps the motion within 1 %, in s, rounded down to 1, 2 or 5 times 10^n.

@@ -58,7 +58,7 @@ impl ModeShapes {
         scene.output.fields = Some(Snapshots { every: 1, subdivide, stresses: false, precision: 64 });
         let model = Model::new(&scene)?;
         let System { engine, stiffness, mass, .. } = &model.system;
-        let modes = modes::shapes(engine, stiffness, mass, count, model.mechanism.is_some())?;
+        let modes = modes::shapes(engine, [stiffness, mass], count, model.mechanism.is_some())?;
         let shape = |mode: &Mode| {
             let (Lattice { points, cells, parents }, w) = model.fields.as_ref()?.surface(&mode.shape);
             let largest =

@@ -203,7 +203,7 @@ impl Both {
         let (u, _, _) = equilibrium(engine, &self.stiffness, &self.load, &Bounds::default())?;
         self.assert_same(&u, &native.statics(1.0), 1e-12);
 
-        let lowest = modes::lowest(&native.engine, &native.stiffness, &native.consistent, 1, false)?[0];
+        let lowest = modes::lowest(&native.engine, [&native.stiffness, &native.consistent], 1, false)?[0];
         let mut factor = engine.factor(&(&self.stiffness).into(), &[])?;
         let (mut u, mut y) = (u, vec![0.0; engine.dofs()]);
         let mut found = 0.0;
@@ -271,8 +271,8 @@ impl Both {
         let Both { native, engine, .. } = self;
         let count = native.space.dofs().min(20);
         let range = ModeRange::Count(count);
-        let modes = lowest_basis(engine, &self.stiffness, &self.masses[0], range, false)?;
-        let twins = lowest_basis(&native.engine, &native.stiffness, &native.consistent, range, false)?;
+        let modes = lowest_basis(engine, [&self.stiffness, &self.masses[0]], range, false)?;
+        let twins = lowest_basis(&native.engine, [&native.stiffness, &native.consistent], range, false)?;
         assert_eq!([modes.squares.len(), modes.residuals.len(), twins.squares.len()], [count; 3]);
         assert!(modes.is_complete && twins.is_complete);
         let middle = 0.5 * (twins.squares[count / 2] + twins.squares[count / 2 - 1]);

@@ -28,7 +28,7 @@ fn what_changes_with_time(arguments: &[String]) -> Result<()> {
     fn shake<E: Engine>(mut model: Model<E>, modal: bool) -> Result<Model<E>> {
         let System { engine, stiffness, mass, .. } = &model.system;
         if modal {
-            let modes = modes::shapes(engine, stiffness, mass, 2, false)?;
+            let modes = modes::shapes(engine, [stiffness, mass], 2, false)?;
             model.system.drive.modal = Some(ModalDamping::new(engine, mass, &modes, &[0.05, 0.02])?);
         }
         let shape = model.system.load.clone().unwrap_or_default();

@@ -43,7 +43,7 @@ fn the_plate_of_the_paper() {
         let masses = [("consistent", &plate.consistent, consistent), ("singular", &plate.singular, singular)];
         for ((name, mass, expected), highest) in masses.into_iter().zip(highest) {
             let what = format!("{element:?} {diagonal:?} {name}");
-            let values = modes::lowest(&plate.engine, &plate.stiffness, mass, 3, false).unwrap();
+            let values = modes::lowest(&plate.engine, [&plate.stiffness, mass], 3, false).unwrap();
             for (value, expected) in values.iter().zip(expected) {
                 close(&what, *value, expected, 1e-9);
             }
@@ -62,7 +62,7 @@ fn nested_meshes_lower_the_first_frequency() {
         let mut before = f64::INFINITY;
         for cells in [[5, 2], [10, 4], [20, 8], [40, 16]] {
             let plate = Matrices::paper(cells, element, diagonal);
-            let f = modes::lowest(&plate.engine, &plate.stiffness, &plate.consistent, 1, false).unwrap()[0];
+            let f = modes::lowest(&plate.engine, [&plate.stiffness, &plate.consistent], 1, false).unwrap()[0];
             assert!(f < before, "{element:?} {cells:?}: {f} after {before}");
             assert!(f > 5.945, "{element:?} {cells:?}: {f}");
             before = f;
@@ -131,7 +131,7 @@ fn a_free_plate_has_three_rigid_motions() {
 #[test]
 fn modes_end_where_the_mass_does() {
     let plate = Matrices::square(3, Fvs, &[]);
-    let values = modes::lowest(&plate.engine, &plate.stiffness, &plate.singular, 20, true).unwrap();
+    let values = modes::lowest(&plate.engine, [&plate.stiffness, &plate.singular], 20, true).unwrap();
     assert_eq!(values.len(), 9);
     assert_eq!(values[..3], [0.0; 3]);
     let highest = modes::highest(&plate.engine, &plate.stiffness, &plate.singular).unwrap();
@@ -229,6 +229,6 @@ fn square_frequencies(
         rigid.hold(*at, hold);
     }
     let mechanism = rigid.mechanism().is_some();
-    let values = modes::lowest(&plate.engine, &plate.stiffness, &plate.consistent, count, mechanism);
+    let values = modes::lowest(&plate.engine, [&plate.stiffness, &plate.consistent], count, mechanism);
     values.unwrap().iter().map(|f| f * TAU).collect()
 }

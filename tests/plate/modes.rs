@@ -28,7 +28,7 @@ fn check(basis: &ModalBasis) {
 }
 
 fn modes_of(plate: &Matrices, range: ModeRange, mechanism: bool) -> ModalBasis {
-    let basis = lowest_basis(&plate.engine, &plate.stiffness, &plate.consistent, range, mechanism).unwrap();
+    let basis = lowest_basis(&plate.engine, [&plate.stiffness, &plate.consistent], range, mechanism).unwrap();
     check(&basis);
     basis
 }
@@ -55,7 +55,8 @@ fn all_modes_up_to_a_frequency() {
     for (square, other) in by_limit.squares.iter().zip(&by_count.squares) {
         close("squares", *square, *other, 1e-12);
     }
-    let none = lowest_basis(&plate.engine, &plate.stiffness, &plate.consistent, ModeRange::UpTo(1.0), false);
+    let none =
+        lowest_basis(&plate.engine, [&plate.stiffness, &plate.consistent], ModeRange::UpTo(1.0), false);
     assert!(none.unwrap().squares.is_empty());
 }
 
@@ -99,7 +100,7 @@ fn a_free_plate() {
 fn modes_end_where_the_mass_does() {
     let plate = Matrices::square(3, Fvs, &[]);
     let modes =
-        |mass, count| lowest_basis(&plate.engine, &plate.stiffness, mass, ModeRange::Count(count), true);
+        |mass, count| lowest_basis(&plate.engine, [&plate.stiffness, mass], ModeRange::Count(count), true);
     let dofs = plate.space.dofs();
     for (mass, existing) in [(&plate.consistent, dofs), (&plate.singular, 9)] {
         let basis = modes(mass, existing).unwrap();
@@ -126,7 +127,7 @@ fn a_soft_sheet_on_a_stiff_bed_has_the_modes_of_the_free_sheet_above_those_of_th
         let scene = Scene::from_str(&text, "bed.toml", &[]).unwrap();
         let model = Model::new(&scene).unwrap();
         let System { engine, stiffness, mass, .. } = &model.system;
-        let basis = lowest_basis(engine, stiffness, mass, ModeRange::Count(6), false).unwrap();
+        let basis = lowest_basis(engine, [stiffness, mass], ModeRange::Count(6), false).unwrap();
         assert!(basis.is_complete && basis.solves < 600, "{thickness}: {} solves", basis.solves);
         // Where the bed decides, the modes of the sheet are a cluster, right to 1e-8 as a whole.
         let resolution = if thickness < 1e-3 { 1e-8 } else { 1e-10 };

@@ -298,7 +298,8 @@ fn first_frequency(text: &str) -> rebond::Result<f64> {
     if simulation::mechanism(&scene, &mesh)?.is_some() {
         return Err(Error::Singular("a mechanism".into()));
     }
-    Ok(rebond::modes::lowest(&model.system.engine, &model.system.stiffness, &model.system.mass, 1, false)?[0])
+    Ok(rebond::modes::lowest(&model.system.engine, [&model.system.stiffness, &model.system.mass], 1, false)?
+        [0])
 }
 
 #[test]

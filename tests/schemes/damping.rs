@@ -350,7 +350,7 @@ fn single_modes_are_damped_by_ratios_of_their_own() {
     let ratios = [0.05, 0.02];
     let mut model = damped_plate(Damping::default(), false);
     let System { engine, stiffness, mass, .. } = &model.system;
-    let shapes = modes::shapes(engine, stiffness, mass, 3, false).unwrap();
+    let shapes = modes::shapes(engine, [stiffness, mass], 3, false).unwrap();
     for (Mode { frequency, shape }, (w, other)) in shapes.iter().zip(lowest_modes::<3>(&model)) {
         let w_here = TAU * frequency;
         assert!((w_here / w - 1.0).abs() <= 1e-10, "{w_here} {w}");

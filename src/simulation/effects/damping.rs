@@ -38,7 +38,7 @@ pub(super) fn modal<E: Engine, P: Partition>(
     let bodies = ground.bodies();
     let is_loose = mechanism || bodies > 0;
     let rigid = if is_loose { 3 + bodies } else { 0 };
-    let mut modes = modes::shapes(engine, stiffness, mass, ratios.len() + rigid, is_loose)?;
+    let mut modes = modes::shapes(engine, [stiffness, mass], ratios.len() + rigid, is_loose)?;
     modes.retain(|mode| mode.frequency > 0.0);
     ModalDamping::new(engine, mass, &modes, &ratios).map(Some)
 }

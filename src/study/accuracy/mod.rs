@@ -352,7 +352,7 @@ fn first_period(base: &Scene) -> Result<f64> {
     let engine = Native::new(load.len());
     let (stiffness, mass) = (engine.form(stiffness), engine.form(consistent));
     let is_loose = simulation::mechanism(base, &mesh)?.is_some() || !base.attachments.balls.is_empty();
-    let lowest = modes::lowest(&engine, &stiffness, &mass, LOWEST, is_loose)?;
+    let lowest = modes::lowest(&engine, [&stiffness, &mass], LOWEST, is_loose)?;
     Ok(lowest.into_iter().find(|frequency| *frequency > 0.0).map_or(0.0, f64::recip))
 }
 
