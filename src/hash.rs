@@ -45,21 +45,16 @@ impl LongHash {
     }
 }
 
-/// Returns the CRC-32 checksum of the bytes of a file.
-pub fn checksum(bytes: &[u8]) -> u32 {
-    crc32fast::hash(bytes)
-}
-
 /// Appends the checksum to the bytes of a file.
 pub fn seal(mut bytes: Vec<u8>) -> Vec<u8> {
-    bytes.extend(checksum(&bytes).to_le_bytes());
+    bytes.extend(crc32fast::hash(&bytes).to_le_bytes());
     bytes
 }
 
 /// Returns the bytes that [`seal`] was given; `None` where these or the checksum have changed.
 pub fn unseal(bytes: &[u8]) -> Option<&[u8]> {
     let (content, sum) = bytes.split_last_chunk()?;
-    (checksum(content) == u32::from_le_bytes(*sum)).then_some(content)
+    (crc32fast::hash(content) == u32::from_le_bytes(*sum)).then_some(content)
 }
 
 /// Beginning of a file: its length in bytes, and the CRC-32 checksum of these bytes. Bytes that are
@@ -112,7 +107,7 @@ mod tests {
         assert_eq!(fnv1a([]), START);
         assert_eq!(fnv1a(*b"a"), 0xaf63_dc4c_8601_ec8c);
         assert_eq!(fnv1a(*b"foobar"), 0x8594_4171_f739_67e8);
-        assert_eq!(checksum(b"123456789"), 0xcbf4_3926);
+        assert_eq!(crc32fast::hash(b"123456789"), 0xcbf4_3926);
         let long = |bytes: &[u8]| {
             let mut hash = LongHash::new();
             hash.add(bytes);

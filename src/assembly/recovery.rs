@@ -32,7 +32,8 @@ use std::collections::{BTreeSet, HashMap};
 /// along x (1) or y (2). The curvature at a site is a sum of fits.
 #[derive(Clone, Debug)]
 pub struct Recovery {
-    sites: Vec<RecoverySite>,
+    /// Sites of the fits.
+    pub sites: Vec<RecoverySite>,
     /// Sites of the nodes of each cell.
     cell_sites: Vec<Vec<usize>>,
     /// Number of parts.
@@ -104,11 +105,6 @@ impl Recovery {
             StencilSums::new((0..sites.len()).map(|site| stencil(site, sums.terms(site))))
         };
         Ok(Recovery { sites, cell_sites, parts, fits, patches, sums, stencils })
-    }
-
-    /// Returns the sites.
-    pub fn sites(&self) -> &[RecoverySite] {
-        &self.sites
     }
 
     /// Returns the sites of the nodes of a cell.

@@ -79,7 +79,7 @@ impl Compare {
     fn on_petsc(&self, scene: &Scene, contenders: &[Contender]) -> Result<()> {
         let context = ranks::start(&self.scene.petsc, None, &Identity::of(scene)?)?;
         let recover = |error: Error| {
-            if context.all_arrive(PATIENCE) { Ok(error) } else { context.fail(&error) }
+            if context.everyone.arrive(Some(PATIENCE)) { Ok(error) } else { context.fail(&error) }
         };
         let run = || {
             check_options(&context, scene, contenders, recover)?;

@@ -1,13 +1,13 @@
 //! Hard scenes that `rebond stability` runs by default, included in the program.
 
 use crate::error::{Error, Result};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Name and content of each file of `scenes/hard`: scenes and their meshes.
 const FILES: &[(&str, &[u8])] = include!(concat!(env!("OUT_DIR"), "/hard_scenes.rs"));
 
 /// Temporary folder with the hard scenes, removed when dropped.
-pub(super) struct HardScenes(PathBuf);
+pub(super) struct HardScenes(pub PathBuf);
 
 impl HardScenes {
     /// Writes the scenes into a new temporary folder.
@@ -27,11 +27,6 @@ impl HardScenes {
         }
         Ok(scenes)
     }
-
-    /// Returns the path of the folder.
-    pub fn folder(&self) -> &Path {
-        &self.0
-    }
 }
 
 impl Drop for HardScenes {
@@ -47,7 +42,7 @@ mod tests {
     #[test]
     fn the_folder_goes_with_its_owner() {
         let scenes = HardScenes::unpack().unwrap();
-        let folder = scenes.folder().to_owned();
+        let folder = scenes.0.clone();
         assert_eq!(std::fs::read_dir(&folder).unwrap().count(), FILES.len());
         drop(scenes);
         assert!(!folder.exists());

@@ -51,7 +51,7 @@ impl Execute for Stable {
         let unpacked = if self.scenes.is_empty() { Some(HardScenes::unpack()?) } else { None };
         let given = self.scenes.iter().map(PathBuf::as_path);
         let mut scenes = Vec::new();
-        for path in given.chain(unpacked.as_ref().map(HardScenes::folder)) {
+        for path in given.chain(unpacked.as_ref().map(|scenes| &*scenes.0)) {
             for file in files(path)? {
                 let name = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
                 scenes.push((name, Scene::load(&file, &self.overrides)?));

@@ -134,7 +134,7 @@ impl Family for Driven<'_> {
         let key = self.range[0];
         let scene = (self.build)(key)?;
         let (mut map, _) = self.map(&scene)?;
-        if !map.is_driven() {
+        if !scene.model.system.drive.varies() {
             let wrong = "nothing in the scene changes in time; --energy FROM..TO follows its free vibrations";
             return Err(Error::Usage(wrong.into()));
         }

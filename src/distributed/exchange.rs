@@ -11,7 +11,7 @@ use std::cell::RefCell;
 pub(super) struct DofExchange {
     comm: WorldComm,
     /// Local dof of each dof that this rank owns.
-    owned: Vec<usize>,
+    pub owned: Vec<usize>,
     neighbours: Vec<Neighbour>,
     messages: RefCell<Messages>,
 }
@@ -61,11 +61,6 @@ impl DofExchange {
         let empty = vec![Vec::new(); by_rank.len()];
         let messages = Messages { sent: empty.clone(), received: empty }.into();
         DofExchange { comm: comm.clone(), owned, neighbours: by_rank, messages }
-    }
-
-    /// Returns the local dof of each dof that this rank owns.
-    pub fn owned(&self) -> &[usize] {
-        &self.owned
     }
 
     /// Returns the local dofs that other ranks have too, ascending.

@@ -108,7 +108,9 @@ impl PetscFactor {
         match criterion {
             StoppingCriterion::Exact => solver.solve(&self.right, &mut self.solution)?,
             StoppingCriterion::Rough => solver.solve_roughly(&self.right, &mut self.solution)?,
-            StoppingCriterion::UpTo(error) => solver.solve_to(error, &self.right, &mut self.solution)?,
+            StoppingCriterion::UpTo(error) => {
+                solver.solve_within(0.0, error, &self.right, &mut self.solution)?
+            }
         }
         if self.linear.method() != LinearMethod::Direct {
             let mut solves = self.solves.get();

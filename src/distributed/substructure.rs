@@ -78,7 +78,7 @@ impl Substructure {
             global.extend(position);
         }
         let number = |local: &usize| of_local[*local];
-        let owned = products.exchange.owned().iter().filter_map(number).collect();
+        let owned = products.exchange.owned.iter().filter_map(number).collect();
         let shared = products.exchange.shared().iter().filter_map(number).collect();
         Substructure { comm: comm.clone(), products: products.clone(), of_local, global, owned, shared }
     }

@@ -227,7 +227,7 @@ impl Field {
     /// Returns a number that is equal for two points (m) at a time (s) where the formula takes the
     /// same branch at every condition, jump and kink.
     pub fn side(&self, point: Point, t: f64) -> u64 {
-        code::run(&self.code, &mut Stack::new(), |name| Sided::constant(variable(point, t)(name))).side()
+        code::run(&self.code, &mut Stack::new(), |name| Sided::constant(variable(point, t)(name))).side
     }
 
     /// Returns the degree in x and y, if the formula is a polynomial in these; its coefficients may

@@ -7,14 +7,10 @@ use crate::hash;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Sided {
     value: f64,
-    side: u64,
+    pub side: u64,
 }
 
 impl Sided {
-    pub(super) fn side(self) -> u64 {
-        self.side
-    }
-
     /// Records one more branch, by a number of its own (FNV-1a hash).
     fn choose(self, value: f64, choice: f64) -> Sided {
         Sided { value, side: hash::extend(self.side, choice.to_bits()) }

@@ -10,8 +10,9 @@ use std::ops::{Add, Div, Mul, Neg, Sub};
 /// D. E. Knuth, *The Art of Computer Programming 2*, section 4.2.2.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct DoubleDouble {
-    high: f64,
-    low: f64,
+    /// The nearest double, and what it leaves.
+    pub high: f64,
+    pub low: f64,
 }
 
 impl DoubleDouble {
@@ -35,18 +36,6 @@ impl DoubleDouble {
         let high = a + b;
         let part = high - a;
         DoubleDouble { high, low: (a - (high - part)) + (b - part) }
-    }
-
-    /// Returns the nearest double.
-    #[inline(always)]
-    pub fn round(self) -> f64 {
-        self.high
-    }
-
-    /// Returns what the nearest double leaves.
-    #[inline(always)]
-    pub fn rest(self) -> f64 {
-        self.low
     }
 
     /// Returns the square root.

@@ -155,7 +155,7 @@ pub fn precise_entries(
     let mut entries = Vec::new();
     visit_twice(sum, |row, column, value| {
         if let (Some(row), Some(column)) = (number(row), number(column)) {
-            entries.push((row.max(column), row.min(column), value.round(), value.rest()));
+            entries.push((row.max(column), row.min(column), value.high, value.low));
         }
     });
     entries

@@ -22,29 +22,24 @@ pub struct ModeLane<'r, 's> {
 impl<'s> ModeRuns<'s> {
     /// Returns a run at the last step.
     pub fn lane(&mut self, lane: usize) -> ModeLane<'_, 's> {
-        ModeLane::new(self, lane)
-    }
-}
-
-impl<'r, 's> ModeLane<'r, 's> {
-    /// Shows one of the runs.
-    fn new(runs: &'r mut ModeRuns<'s>, lane: usize) -> ModeLane<'r, 's> {
-        let levels = &runs.levels;
+        let levels = &self.levels;
         let each = |lanes: &[Lanes]| -> Vec<f64> { lanes.iter().map(|values| values.0[lane]).collect() };
         let (before, reaction) = (each(&levels.reaction_before), each(&levels.reaction));
-        let impulses = before.iter().zip(&reaction).map(|(before, now)| 0.5 * runs.dt * (before + now));
+        let impulses = before.iter().zip(&reaction).map(|(before, now)| 0.5 * self.dt * (before + now));
         let record = StepRecord {
-            step: runs.step(),
-            dt: runs.dt,
+            step: self.step,
+            dt: self.dt,
             admissible: each(&levels.admissible),
             impulses: impulses.collect(),
             reaction,
             candidates: None,
             report: levels.report(lane),
         };
-        ModeLane { runs, lane, record, shown: OnceCell::new() }
+        ModeLane { runs: self, lane, record, shown: OnceCell::new() }
     }
+}
 
+impl<'s> ModeLane<'_, 's> {
     /// Returns the system of the run.
     fn system(&self) -> &'s System<Native> {
         self.runs.systems[self.lane]
@@ -53,7 +48,7 @@ impl<'r, 's> ModeLane<'r, 's> {
     /// Returns the central velocity, in m/s, one entry per dof.
     fn central_velocity(&self) -> Vec<f64> {
         let runs = &*self.runs;
-        if runs.step() == 0 && runs.shared.massless == MasslessPart::Swings {
+        if runs.step == 0 && runs.shared.massless == MasslessPart::Swings {
             return runs.starts[self.lane].velocity.clone();
         }
         let LaneLevels { d, d_next, .. } = &runs.levels;

@@ -26,7 +26,8 @@ pub struct ModeRuns<'s> {
     pub(super) levels: LaneLevels,
     loads: Vec<ModalLoads>,
     pub(super) starts: Vec<LaneStart>,
-    step: u64,
+    /// Index of the last step.
+    pub step: u64,
     /// Time step, in s.
     pub(super) dt: f64,
     at_dofs: RefCell<BTreeMap<usize, DofRow>>,
@@ -94,11 +95,6 @@ impl<'s> ModeRuns<'s> {
         let mut outcome = Ok(());
         levels.advance(|factors| outcome = laws.set(*step + 1, factors));
         outcome
-    }
-
-    /// Returns the index of the last step.
-    pub fn step(&self) -> u64 {
-        self.step
     }
 
     /// Returns the largest relative KKT residual of the last step, NaN where any is.

@@ -10,7 +10,7 @@ use super::vtu::SnapshotFiles;
 use super::{history, paths_in, remove, require_same, write_atomic};
 use crate::archive::FileKind;
 use crate::error::{Error, Result};
-use crate::hash::{self, Extent};
+use crate::hash::Extent;
 use crate::input;
 use crate::scene::{MeshFile, Scene};
 use crate::simulation::RunState;
@@ -59,7 +59,7 @@ impl Identity {
     /// Returns [`Error::Io`] where the mesh file cannot be read.
     pub fn of(scene: &Scene) -> Result<Identity> {
         let sum = |file: &MeshFile| {
-            input::read(Path::new(&file.path), u64::MAX).map(|bytes| hash::checksum(&bytes))
+            input::read(Path::new(&file.path), u64::MAX).map(|bytes| crc32fast::hash(&bytes))
         };
         Ok(Identity { scene: scene.hash(), mesh: scene.file.as_ref().map(sum).transpose()? })
     }

@@ -75,14 +75,10 @@ impl History {
         self.lines.push(|line| row.write(line))
     }
 
-    /// Passes all rows to the operating system.
+    /// Passes all rows to the operating system, and reports errors of the last write, which a drop
+    /// ignores.
     pub fn flush(&mut self) -> Result<()> {
         self.lines.flush()
-    }
-
-    /// Finishes the file, and reports errors of the last write, which a drop ignores.
-    pub fn finish(mut self) -> Result<()> {
-        self.flush()
     }
 }
 

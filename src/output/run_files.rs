@@ -204,7 +204,7 @@ impl Tables {
     }
 
     fn finish(mut self) -> Result<()> {
-        self.history.finish()?;
+        self.history.flush()?;
         self.others.values_mut().try_for_each(Lines::flush)
     }
 }
@@ -292,7 +292,7 @@ impl Observer for RunFiles<'_> {
     }
 
     fn piece(&self) -> Extent {
-        self.fields.last()
+        self.fields.last
     }
 
     fn fields_complete(&mut self, step: u64, time: f64, pieces: &[Extent]) -> Result<()> {

@@ -66,7 +66,7 @@ pub struct Series {
     ranks: usize,
     precision: Precision,
     /// This rank's piece of the last snapshot, and its arrays at points and of cells.
-    last: Extent,
+    pub(super) last: Extent,
     arrays: [Vec<ArrayKind>; 2],
     /// Snapshots so far.
     pub(super) snapshots: Vec<SnapshotFiles>,
@@ -103,11 +103,6 @@ impl Series {
             }
         }
         Ok(())
-    }
-
-    /// Returns what this rank wrote of the last snapshot.
-    pub fn last(&self) -> Extent {
-        self.last
     }
 
     /// Writes this rank's piece of a snapshot, whole or not at all.

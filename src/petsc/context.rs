@@ -137,14 +137,6 @@ impl Context {
         self.comm.world().as_raw()
     }
 
-    /// Waits for all ranks, and returns whether they arrived in time. Collective.
-    ///
-    /// A rank that does not arrive waits inside a call that the others have left, so that only
-    /// [`Context::fail`] can follow.
-    pub fn all_arrive(&self, within: Duration) -> bool {
-        self.everyone.arrive(Some(within))
-    }
-
     /// Ends the common work of all ranks with one report of the first error. Collective.
     ///
     /// Where all ranks arrive and some have an error, rank 0 gets the error of the lowest of them

@@ -168,17 +168,12 @@ impl Ksp {
         solved
     }
 
-    /// Solves A x = b from x = 0 to an absolute tolerance in the norm in which the method measures
-    /// its residual, but no further than [`Ksp::solve`]. Collective.
+    /// Solves A x = b from x = 0 to the largest one of those tolerances of the solver and two others,
+    /// the absolute one in the norm in which the method measures its residual. Collective.
     ///
     /// # Errors
     /// Returns the errors of [`Ksp::solve`].
-    pub fn solve_to(&mut self, absolute: f64, b: &Vector, x: &mut Vector) -> Result<()> {
-        self.solve_within(0.0, absolute, b, x)
-    }
-
-    /// Solves A x = b from x = 0 to the largest one of two tolerances and those of the solver.
-    fn solve_within(&mut self, relative: f64, absolute: f64, b: &Vector, x: &mut Vector) -> Result<()> {
+    pub fn solve_within(&mut self, relative: f64, absolute: f64, b: &Vector, x: &mut Vector) -> Result<()> {
         let [usual, least] = self.tolerances()?;
         let keep = f64::from(sys::PETSC_DEFAULT);
         let raw = self.raw;

@@ -123,7 +123,11 @@ impl WorldComm {
     }
 
     /// Waits for all ranks, at most for `within` if given, and returns whether they arrived.
-    pub(super) fn arrive(&self, within: Option<Duration>) -> bool {
+    /// Collective.
+    ///
+    /// A rank that does not arrive waits inside a call that the others have left, so that only
+    /// [`Context::fail`](super::Context::fail) can follow.
+    pub fn arrive(&self, within: Option<Duration>) -> bool {
         let start = Instant::now();
         let mut request = self.world().immediate_barrier();
         loop {

@@ -58,7 +58,7 @@ pub(super) struct Feedback {
     /// Number of steps that are still corrected.
     pause: u32,
     /// Work of the missing forces so far, in J.
-    work: f64,
+    pub work: f64,
     /// Largest energy of the plate so far, in J.
     energy: f64,
 }
@@ -136,11 +136,6 @@ impl Feedback {
         }
     }
 
-    /// Takes note of the work of what a step misses, in J.
-    pub fn spend(&mut self, work: f64) {
-        self.work += work;
-    }
-
     /// Saves or restores all that the next step depends on.
     pub fn archive(&mut self, archive: &mut Archive) -> Result<()> {
         archive.value(&mut self.pause)?;
@@ -162,7 +157,7 @@ mod tests {
         let mut feedback = Feedback::new(1, 1.0);
         assert!(!feedback.fails(0.0, 0.9 * MAX_FED_WORK));
         assert!(feedback.fails(0.0, -1.1 * MAX_FED_WORK));
-        feedback.spend(0.9 * MAX_FED_WORK);
+        feedback.work += 0.9 * MAX_FED_WORK;
         assert!(feedback.fails(0.0, 0.2 * MAX_FED_WORK));
         assert!(!feedback.fails(0.0, -0.2 * MAX_FED_WORK));
         feedback.note_energy(2.0);

@@ -273,7 +273,7 @@ impl<'s, E: Engine> StepDriver<'s, E> {
             self.report.retries += retries + 1;
             work = self.missing_work(formulas)?;
         }
-        self.feedback.iter_mut().for_each(|feedback| feedback.spend(work));
+        self.feedback.iter_mut().for_each(|feedback| feedback.work += work);
         Ok(())
     }
 

@@ -94,7 +94,7 @@ impl StressSites {
         let BuildContext { scene, mesh, .. } = ground;
         let Some(curvatures) = curvatures.filter(|_| scene.output.extremes) else { return Ok(None) };
         let PlateCurvatures { body, recovery, .. } = curvatures;
-        let sites = recovery.sites();
+        let sites = &recovery.sites;
         let mut cell_of = vec![0; sites.len()];
         let cells: Vec<Vec<usize>> =
             (0..mesh.cells.len()).map(|cell| recovery.of_cell(cell).to_vec()).collect();

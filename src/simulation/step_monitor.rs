@@ -28,11 +28,6 @@ impl<'m, E: Engine> StepMonitor<'m, E> {
         Ok(StepMonitor { scene, model, guard, accelerations: Accelerations::new(scene) })
     }
 
-    /// Returns the communicator of the model's engine.
-    pub fn comm(&self) -> &E::Comm {
-        self.model.system.engine.comm()
-    }
-
     /// Checks residual and energy of the step just made, and reads the probes. Collective.
     ///
     /// # Errors

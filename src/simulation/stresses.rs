@@ -206,7 +206,7 @@ impl<'s> PlateCurvatures<'s> {
             let place = geometry::place(point);
             return Err(Error::Mesh(format!("{key}: the point {place} lies outside the plate")));
         }
-        let mut shares = vec![[0.0; 9]; self.recovery.sites().len()];
+        let mut shares = vec![[0.0; 9]; self.recovery.sites.len()];
         let mut add = |&cell: &usize| {
             let map = map(&self.body.section(cell, point)?) / count;
             let weights = assembly::vertex_weights(&mesh.element(cell)?, point);
@@ -216,7 +216,7 @@ impl<'s> PlateCurvatures<'s> {
             Ok(())
         };
         comm.all_ok(around.iter().try_for_each(&mut add))?;
-        assembly::sum_over_ranks(self.recovery.sites(), self.parts, partition, &mut shares)?;
+        assembly::sum_over_ranks(&self.recovery.sites, self.parts, partition, &mut shares)?;
         let mut rows: [BTreeMap<usize, f64>; 3] = Default::default();
         for entry in 0..9 {
             let shares: Vec<f64> = shares.iter().map(|share| share[entry]).collect();

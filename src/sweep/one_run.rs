@@ -132,7 +132,7 @@ impl<'m, E: Engine> PeriodicRun<'m, E> {
             force += record.reaction[bound].abs();
             impulse += record.impulses[bound].abs();
         }
-        let [force, impulse] = monitor.comm().all_reduce_sum([force, impulse]);
+        let [force, impulse] = self.of.model.system.engine.comm().all_reduce_sum([force, impulse]);
         let touches = force > 0.0 || !events.is_empty();
         let peak = events.iter().map(|event| event.force.abs()).fold(0.0, f64::max);
         let is_impact = recorder.note_contact(0, step, TotalContact { touches, force, peak, impulse });

@@ -60,7 +60,7 @@ impl<'m> PeriodicModeRuns<'m> {
     /// Checks and records the step just made; the start is step 0.
     fn note(&mut self) -> Result<()> {
         let PeriodicModeRuns { runs, motion, monitors, recorder, values, reads_each } = self;
-        let step = motion.step();
+        let step = motion.step;
         let kkt = motion.kkt();
         if *reads_each {
             let mut read = vec![0.0; values.len()];

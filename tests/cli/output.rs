@@ -65,11 +65,11 @@ fn row(step: u64, value: f64, probes: &[f64]) -> Row<'_> {
 fn the_header_is_the_documented_one() {
     let folder = Folder::new("header");
     let run = folder.0.join("runs/deep");
-    let history = History::create(&run, &names(&["corner", "middle"]), &[]).unwrap();
+    let mut history = History::create(&run, &names(&["corner", "middle"]), &[]).unwrap();
     let header =
         "step,time,energy,kinetic,elastic,work,contact_nodes,contact_force,vi_iterations,kkt,corner,middle\n";
     assert_eq!(fs::read_to_string(run.join("history.csv")).unwrap(), header, "before any row");
-    history.finish().unwrap();
+    history.flush().unwrap();
 }
 
 #[test]
@@ -85,7 +85,7 @@ fn numbers_read_back_bit_for_bit() {
         history.push(&row(step as u64, value, &[value])).unwrap();
     }
     history.push(&row(u32::MAX.into(), f64::NAN, &[f64::NAN])).unwrap();
-    history.finish().unwrap();
+    history.flush().unwrap();
 
     let table = history::read(&folder.0).unwrap();
     assert_eq!(table.rows(), values.len() + 1);
@@ -107,7 +107,7 @@ fn numbers_are_short() {
     history
         .push(&Row { energy: 813.25, kinetic: 1.5e-9, elastic: 2.5e7, work: -0.001, ..row(7, 0.0, &[]) })
         .unwrap();
-    history.finish().unwrap();
+    history.flush().unwrap();
     let text = fs::read_to_string(folder.0.join(history::FILE)).unwrap();
     assert_eq!(text.lines().nth(1), Some("7,7.000000000000001e-5,813.25,1.5e-9,2.5e7,-0.001,2,0,3,0"));
 }
@@ -223,7 +223,7 @@ fn history_of(folder: &Path, probes: &[&str], rows: u64, f: impl Fn(f64) -> (f64
         let (energy, probes) = f(time);
         history.push(&Row { time, ..row(step, energy, &probes) }).unwrap();
     }
-    history.finish().unwrap();
+    history.flush().unwrap();
     history::read(folder).unwrap()
 }
 

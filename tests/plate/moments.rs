@@ -23,7 +23,7 @@ fn at_sites(recovery: &Recovery, shape: &[f64]) -> Vec<Curvature> {
 pub fn recovered(plate: &Matrices, shape: &[f64]) -> Vec<Curvature> {
     let recovery = Recovery::new(&plate.mesh, &plate.cells, &|_| 0, 1, &WholeMesh).unwrap();
     let mut at_nodes = vec![[f64::NAN; 3]; plate.mesh.nodes.len()];
-    recovery.sites().iter().zip(at_sites(&recovery, shape)).for_each(|(site, of)| at_nodes[site.node] = of);
+    recovery.sites.iter().zip(at_sites(&recovery, shape)).for_each(|(site, of)| at_nodes[site.node] = of);
     at_nodes
 }
 
@@ -375,7 +375,7 @@ fn curvatures_of_blocks_are_those_of_single_sites() {
         let recovery = Recovery::new(&plate.mesh, &plate.cells, &part, 2, &WholeMesh).unwrap();
         let shape: Vec<f64> = (0..3 * plate.mesh.nodes.len()).map(|dof| (dof % 7) as f64).collect();
         for (site, curvature) in at_sites(&recovery, &shape).into_iter().enumerate() {
-            let mut shares = vec![0.0; recovery.sites().len()];
+            let mut shares = vec![0.0; recovery.sites.len()];
             shares[site] = 1.0;
             let mut sums = [0.0; 3];
             for (fit, share) in recovery.weights_of_fits(&shares, &WholeMesh).unwrap().iter().enumerate() {
@@ -394,7 +394,7 @@ fn sites_of_parts() {
     let plate = Matrices::square(4, Fvs, &[]);
     let part = |cell: usize| usize::from(cell % 4 >= 2);
     let recovery = Recovery::new(&plate.mesh, &plate.cells, &part, 2, &WholeMesh).unwrap();
-    assert_eq!(recovery.sites().len(), 25 + 5);
+    assert_eq!(recovery.sites.len(), 25 + 5);
     let rigid: Vec<f64> =
         plate.mesh.nodes.iter().flat_map(|p| [1.0 + 0.5 * p.x - 0.25 * p.y, 0.5, -0.25]).collect();
     for curvature in at_sites(&recovery, &rigid) {

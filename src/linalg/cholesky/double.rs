@@ -63,8 +63,8 @@ impl WithSimd for PanelFactorisation<'_> {
                 for (&row, (more, less)) in pattern[k..].iter().zip(sums) {
                     let place = start + row_of[row as usize];
                     let entry = DoubleDouble::sum(high[place], -more);
-                    high[place] = entry.round();
-                    low[place] += entry.rest() - less;
+                    high[place] = entry.high;
+                    low[place] += entry.low - less;
                 }
             }
         }
@@ -88,17 +88,17 @@ fn factor_panel<S: Simd>(
         let mut root = DoubleDouble::default();
         for (i, ((high, low), sums)) in entries.zip(products.high.iter().zip(&products.low)).enumerate() {
             let entry = DoubleDouble::sum(*high, -sums.0);
-            let mut entry = DoubleDouble::sum(entry.round(), entry.rest() + (*low - sums.1));
+            let mut entry = DoubleDouble::sum(entry.high, entry.low + (*low - sums.1));
             if i > 0 {
                 entry = entry / root;
             } else {
-                if !(entry.round() > 0.0 && entry.round().is_finite()) {
+                if !(entry.high > 0.0 && entry.high.is_finite()) {
                     return false;
                 }
                 entry = entry.sqrt();
                 root = entry;
             }
-            (*high, *low) = (entry.round(), entry.rest());
+            (*high, *low) = (entry.high, entry.low);
         }
     }
     true

@@ -77,7 +77,7 @@ impl Cholesky {
         values: Vec<DoubleDouble>,
         contact_dofs: &[usize],
     ) -> Result<Cholesky> {
-        let rounded = values.iter().map(|value| value.round()).collect();
+        let rounded = values.iter().map(|value| value.high).collect();
         Cholesky::with_digits(SparseColMat::new(symbolic, rounded), Some(values), contact_dofs)
     }
 
@@ -188,7 +188,7 @@ impl Cholesky {
                 let below = || pattern.iter().position(|&row| row as usize == last).unwrap_or(0);
                 let row = if last < s.end { last - s.start } else { s.end - s.start + below() };
                 let entry = s.values + (first - s.start) * (s.end - s.start + s.rows) + row;
-                (self.values[entry], low[entry]) = (value.round(), value.rest());
+                (self.values[entry], low[entry]) = (value.high, value.low);
             }
         }
         let Cholesky { supernodes, patterns, values: high, arch, .. } = &mut *self;

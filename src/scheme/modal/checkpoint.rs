@@ -30,7 +30,7 @@ impl<E: Engine> ModalScheme<'_, E> {
         before.archive(archive, &coordinates)?;
         implicit.archive(archive, &coordinates)?;
         mean_balance.as_mut().map_or(Ok(()), |balance| balance.archive(archive, &coordinates))?;
-        let are_same = coordinates.are_same();
+        let are_same = coordinates.are_same.get();
         self.reach.archive(archive)?;
         self.flight.archive(archive)?;
         archive.value(&mut self.presses)?;

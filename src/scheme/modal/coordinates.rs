@@ -22,19 +22,14 @@ pub(crate) struct Coordinates<'a, E: Engine> {
     system: &'a System<E>,
     modes: &'a MassModes,
     global: &'a AllBounds,
-    /// Whether the modes are those of the saved coordinates.
-    are_same: Cell<bool>,
+    /// Whether all coordinates so far were saved with the same modes, but for rounding.
+    pub are_same: Cell<bool>,
 }
 
 impl<'a, E: Engine> Coordinates<'a, E> {
     /// Creates the coordinates of some modes.
     pub fn new(system: &'a System<E>, modes: &'a MassModes, global: &'a AllBounds) -> Coordinates<'a, E> {
         Coordinates { system, modes, global, are_same: Cell::new(true) }
-    }
-
-    /// Returns whether all coordinates so far were saved with the same modes, but for rounding.
-    pub fn are_same(&self) -> bool {
-        self.are_same.get()
     }
 
     /// Saves or restores modal coordinates. Collective.

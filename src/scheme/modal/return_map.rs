@@ -223,11 +223,6 @@ impl<'s> ReturnMap<'s> {
         Ok(())
     }
 
-    /// Returns whether loads, obstacles or supports change in time.
-    pub fn is_driven(&self) -> bool {
-        self.system.drive.varies()
-    }
-
     /// Returns whether the motion loses energy.
     pub fn is_damped(&self) -> bool {
         self.decays.iter().any(|decay| *decay > 0.0)

@@ -98,13 +98,9 @@ fn series(x: f64) -> f64 {
 }
 
 impl Tip {
-    fn decay(&self, seconds: f64) -> Decay {
-        Decay::new(self.rate * seconds)
-    }
-
     /// Returns the lag under a reaction (N), in m, some time (s) after the step has begun.
     fn lag(&self, reaction: f64, seconds: f64) -> f64 {
-        let Decay { remainder, mean, .. } = self.decay(seconds);
+        let Decay { remainder, mean, .. } = Decay::new(self.rate * seconds);
         remainder * self.lag + mean * self.change(reaction)
     }
 
@@ -115,7 +111,7 @@ impl Tip {
 
     /// Returns the energy that the dashpot takes until the reaction (N) is another, in J.
     fn dissipated(&self, reaction: f64, seconds: f64) -> f64 {
-        let Decay { remainder, mean, square, x } = self.decay(seconds);
+        let Decay { remainder, mean, square, x } = Decay::new(self.rate * seconds);
         let (lag, change) = (self.lag, self.change(reaction));
         let cross = if x.is_finite() { x * mean * mean } else { 0.0 };
         self.stiffness
@@ -125,7 +121,7 @@ impl Tip {
     /// Returns the rates of the lag with the time (m/s) and of the energy of spring and dashpot
     /// (J, with the reaction r, as r e + F) with time and reaction.
     fn rates(&self, reaction: f64, seconds: f64) -> [f64; 3] {
-        let Decay { remainder, mean, square, x } = self.decay(seconds);
+        let Decay { remainder, mean, square, x } = Decay::new(self.rate * seconds);
         let (k, lag, change) = (self.stiffness, self.lag, self.change(reaction));
         let elongation = remainder * lag + mean * change - reaction / k;
         // Derivatives with respect to x.
@@ -213,7 +209,7 @@ impl ViscousTips {
         let (mut free, mut softness) = (y.clone(), vec![0.0; y.len()]);
         for tip in &self.near {
             free[tip.candidate] -= tip.lag(0.0, seconds);
-            softness[tip.candidate] = -tip.decay(seconds).mean / tip.stiffness;
+            softness[tip.candidate] = -Decay::new(tip.rate * seconds).mean / tip.stiffness;
         }
         let problem = model.problem(&free, lower, upper);
         contact.solve(ComplianceProblem { softness: &softness, ..problem }, x, reaction);
