@@ -6,7 +6,7 @@
 
 use rebond::dof_map::{DofMap, Support};
 use rebond::linalg::Native;
-use rebond::mesh::Mesh;
+use rebond::mesh::{Import, Mesh};
 use rebond::plate::Plate;
 use rebond::{assembly, modes};
 
@@ -15,7 +15,7 @@ const MESH: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/gallery/disc.msh
 pub(crate) fn main() -> rebond::Result<()> {
     // Thickness in m, Young's modulus in Pa, Poisson's ratio, density in kg/m3.
     let plate = Plate::isotropic(2e-3, 210e9, 0.3, 7800.0);
-    let mut mesh = Mesh::load_gmsh(MESH)?;
+    let mut mesh = Mesh::load(MESH, Import::default())?;
     let area: f64 = (0..mesh.cells.len()).map(|cell| mesh.area(cell)).sum();
     let leissa = 10.2158 * (plate.rigidity() / plate.surface_density()).sqrt() / (2.0 * area);
 

@@ -377,13 +377,8 @@ impl Serialize for Field {
 pub struct Condition(Field);
 
 impl Condition {
-    /// Parses a condition on these variables.
-    pub fn parse(text: &str, names: Names) -> Result<Condition, ParseError> {
-        Condition::parse_with(text, names, Parameters::NONE)
-    }
-
-    /// Works as [`Condition::parse`], with parameters that the condition may use too.
-    pub fn parse_with(text: &str, names: Names, parameters: &Parameters) -> Result<Condition, ParseError> {
+    /// Parses a condition on these variables and parameters.
+    pub fn parse(text: &str, names: Names, parameters: &Parameters) -> Result<Condition, ParseError> {
         Field::read(text, names, parameters, Kind::Condition).map(Condition)
     }
 

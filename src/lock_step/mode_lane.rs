@@ -5,7 +5,7 @@ use super::mode_runs::ModeRuns;
 use crate::energy::Energies;
 use crate::error::Result;
 use crate::kernels::Lanes;
-use crate::linalg::{Engine, Native};
+use crate::linalg::Native;
 use crate::obstacle::Bounds;
 use crate::scheme::{Approach, Solution, StepRecord, System};
 use std::cell::OnceCell;
@@ -85,11 +85,7 @@ impl Solution for ModeLane<'_, '_> {
     }
 
     fn energies(&self) -> Result<Energies> {
-        let System { engine, stiffness, mass, .. } = self.system();
-        let u = self.displacement();
-        let elastic = 0.5 * engine.multiply(stiffness, u, &mut vec![0.0; u.len()])?;
-        let mut v = vec![0.0; engine.velocities(mass)];
-        let kinetic = self.system().kinetic_energy(&self.central_velocity(), &mut v)?;
+        let [elastic, kinetic] = self.system().energies(self.displacement(), &self.central_velocity())?;
         Ok(Energies { kinetic, elastic, work: self.runs.energies()[self.lane].work })
     }
 

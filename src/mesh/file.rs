@@ -30,7 +30,10 @@ impl Mesh {
         format_of(file_name).is_some() || ends_in(file_name, "msh")
     }
 
-    /// Reads a mesh saved by Gmsh: MSH 2.0 to 2.2 or 4.1, text or binary.
+    /// Reads a mesh of Abaqus or CalculiX (`.inp`), of Nastran (`.bdf`, `.nas`, `.dat`), or of Gmsh
+    /// (all other names): MSH 2.0 to 2.2 or 4.1, text or binary.
+    ///
+    /// From Gmsh:
     ///
     /// - Triangles and quadrangles become cells, in the order of the file; clockwise ones are
     ///   reversed. Nodes keep their order; those that no cell uses are dropped. A repeated cell, as
@@ -44,6 +47,10 @@ impl Mesh {
     /// - Whole and partitioned files give the same mesh. Parametric coordinates, periodicity,
     ///   post-processing data and sections of other programs are ignored.
     ///
+    /// From the others, element sets and property numbers (`pid_7`) are groups of cells. Element sets
+    /// of lines, and node sets that consist of whole sides of the boundary, are named edges; other
+    /// node sets are named points. What else the file says is counted in [`notes`](Mesh::notes).
+    ///
     /// # Errors
     /// Returns [`crate::Error::Io`] for a file that cannot be read. Returns [`crate::Error::Mesh`],
     /// with the line or the offset where there is one, for
@@ -52,21 +59,8 @@ impl Mesh {
     /// - elements of higher order or volumes, or no cell at all;
     /// - nodes that do not lie in one plane, which need not be one of constant z;
     /// - a physical group that contains nothing, or no edge or node of a cell;
+    /// - nodes of one cell that would be merged;
     /// - a mesh that [`Mesh::check`] refuses.
-    pub fn load_gmsh(path: impl AsRef<Path>) -> Result<Mesh> {
-        Mesh::load(path, Import::default())
-    }
-
-    /// Reads a mesh of Abaqus or CalculiX (`.inp`), of Nastran (`.bdf`, `.nas`, `.dat`), or like
-    /// [`Mesh::load_gmsh`] of Gmsh (all other names).
-    ///
-    /// Element sets and property numbers (`pid_7`) are groups of cells. Element sets of lines, and
-    /// node sets that consist of whole sides of the boundary, are named edges; other node sets are
-    /// named points. What else the file says is counted in [`notes`](Mesh::notes).
-    ///
-    /// # Errors
-    /// Returns the errors of [`Mesh::load_gmsh`], and [`crate::Error::Mesh`] where nodes of one
-    /// cell would be merged.
     pub fn load(path: impl AsRef<Path>, import: Import) -> Result<Mesh> {
         let path = path.as_ref();
         // Only the available memory limits the size of the file.
@@ -74,13 +68,8 @@ impl Mesh {
         Mesh::from_bytes(&bytes, &path.display().to_string(), import)
     }
 
-    /// Reads a mesh like [`Mesh::load_gmsh`], from the bytes of a file. Any bytes give either a
-    /// valid mesh or [`crate::Error::Mesh`].
-    pub fn from_gmsh(bytes: &[u8], file_name: &str) -> Result<Mesh> {
-        Mesh::from_bytes(bytes, file_name, Import::default())
-    }
-
-    /// Reads a mesh like [`Mesh::load`], from the bytes of a file.
+    /// Reads a mesh like [`Mesh::load`], from the bytes of a file. Any bytes give either a valid mesh
+    /// or [`crate::Error::Mesh`].
     pub fn from_bytes(bytes: &[u8], file_name: &str, import: Import) -> Result<Mesh> {
         let format = format_of(file_name).filter(|_| !bytes.starts_with(b"$MeshFormat"));
         format.unwrap_or(gmsh::read)(Cursor::new(file_name, bytes))?.mesh(import)

@@ -295,7 +295,7 @@ pub(super) fn condition() -> Kind<Condition> {
     let expected = "expected a condition on x and y, such as \"x > 0.5 and y < 0.2\"";
     let read = move |doc: &Document, key: &str| {
         let text = doc.text(key, expected)?;
-        Condition::parse_with(text, Names::XY, doc.parameters()?).map_err(|fault| doc.fault(key, fault))
+        Condition::parse(text, Names::XY, doc.parameters()?).map_err(|fault| doc.fault(key, fault))
     };
     Kind::new(expected, of_text, read, |value: &Condition, _| string(&value.to_string()))
 }

@@ -157,9 +157,7 @@ impl StepBalance {
     ) -> Result<()> {
         let mut decay = vec![0.0; self.displacement.len()];
         modal.add_decay(velocities, &mut decay);
-        let mut projected = vec![0.0; self.acceleration.len()];
-        system.engine.project(&system.mass, &decay, &mut projected)?;
-        add(&projected, &mut self.acceleration);
+        add(&system.projected(&decay)?, &mut self.acceleration);
         Ok(())
     }
 

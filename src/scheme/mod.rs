@@ -172,17 +172,29 @@ impl<E: Engine> System<E> {
     }
 
     /// Returns the work F . U of the constant load, in J.
-    fn work(&self, u: &[f64]) -> Result<f64> {
+    pub(crate) fn work(&self, u: &[f64]) -> Result<f64> {
         self.load.as_ref().map_or(Ok(0.0), |load| self.engine.dot(load, u))
     }
 
     /// Returns the momentum M `rate` of a rate of displacement (m/s), one entry per dof.
     fn momentum(&self, rate: &[f64]) -> Result<Vec<f64>> {
-        let mut v = vec![0.0; self.engine.velocities(&self.mass)];
-        self.engine.project(&self.mass, rate, &mut v)?;
+        let v = self.projected(rate)?;
         let mut momentum = vec![0.0; rate.len()];
         self.engine.project_transpose(&self.mass, &v, &mut momentum)?;
         Ok(momentum)
+    }
+
+    /// Returns a vector of one entry per dof in the velocity dofs.
+    pub(crate) fn projected(&self, u: &[f64]) -> Result<Vec<f64>> {
+        let mut v = vec![0.0; self.engine.velocities(&self.mass)];
+        self.engine.project(&self.mass, u, &mut v)?;
+        Ok(v)
+    }
+
+    /// Returns the elastic energy of a displacement (m) and the kinetic energy of a rate (m/s), in J.
+    pub(crate) fn energies(&self, u: &[f64], rate: &[f64]) -> Result<[f64; 2]> {
+        let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, &mut vec![0.0; u.len()])?;
+        Ok([elastic, 0.5 * self.engine.mass_norm_squared(&self.mass, &self.projected(rate)?)?])
     }
 
     /// Returns the kinetic energy of a rate of displacement (m/s), in J; `v` is work space with one

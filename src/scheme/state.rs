@@ -40,11 +40,9 @@ impl State {
     /// Builds the initial state from a displacement (m) and its rate (m/s), without the energy of
     /// stretching.
     pub fn new<E: Engine>(system: &System<E>, u: Vec<f64>, rate: &[f64]) -> Result<State> {
-        let System { engine, mass, bounds, .. } = system;
-        let mut v = vec![0.0; engine.velocities(mass)];
-        engine.project(mass, rate, &mut v)?;
+        let bounds = &system.bounds;
         let mut state = State {
-            v,
+            v: system.projected(rate)?,
             reaction: vec![0.0; bounds.len()],
             moments: system.drive.friction.as_ref().map(|_| vec![[0.0; 2]; bounds.len()]),
             force: vec![0.0; u.len()],

@@ -366,21 +366,14 @@ fn names(mesh: &Mesh) -> BTreeMap<&'static str, Vec<String>> {
 }
 
 fn initial_energy(model: &Model) -> Result<f64> {
-    let system = &model.system;
-    let engine = &system.engine;
-    let u = &model.start.displacement;
-    let mut v = vec![0.0; engine.velocities(&system.mass)];
-    engine.project(&system.mass, &model.start.velocity, &mut v)?;
-    let elastic = engine.multiply(&system.stiffness, u, &mut vec![0.0; u.len()])?;
-    let work = system.load.as_ref().map_or(Ok(0.0), |load| engine.dot(load, u))?;
+    let (system, u) = (&model.system, &model.start.displacement);
     let stretching = system.drive.stretching.as_ref().map_or(Ok(0.0), |form| -> Result<f64> {
-        let mut q = v.clone();
-        engine.project(&system.mass, u, &mut q)?;
         let mut stretch = Stretch::default();
-        form.evaluate(&q, &mut stretch);
+        form.evaluate(&system.projected(u)?, &mut stretch);
         Ok(stretch.energy())
     })?;
-    Ok(stretching + 0.5 * (elastic + engine.mass_norm_squared(&system.mass, &v)?) - work)
+    let [elastic, kinetic] = system.energies(u, &model.start.velocity)?;
+    Ok(stretching + (elastic + kinetic) - system.work(u)?)
 }
 
 /// Cost of a run, as its first steps show it.

@@ -125,10 +125,8 @@ fn about_start(scene: &Scene, model: &Model) -> Result<Option<Vec<f64>>> {
     if !scene.initial.is_static() {
         return Ok(None);
     }
-    let mut q = vec![0.0; modes.count()];
-    system.engine.project(&system.mass, &model.start.displacement, &mut q)?;
     let mut stretch = Stretch::default();
-    form.evaluate(&q, &mut stretch);
+    form.evaluate(&system.projected(&model.start.displacement)?, &mut stretch);
     let mut tangent = form.hessian(&stretch);
     modes.squares.iter().enumerate().for_each(|(k, square)| tangent[(k, k)] += square);
     let (values, _) = symmetric_eigen(tangent.as_ref())?;
@@ -165,10 +163,8 @@ fn touching(scene: &Scene, model: &Model) -> Result<Vec<usize>> {
 fn rest_share(model: &Model, u: &[f64]) -> Result<Option<f64>> {
     let system = &model.system;
     let (engine, Form::Modal { modes, .. }) = (&system.engine, &system.mass) else { return Ok(None) };
-    let mut q = vec![0.0; modes.count()];
-    engine.project(&system.mass, u, &mut q)?;
     let mut rest = u.to_vec();
-    for (k, q) in q.iter().enumerate() {
+    for (k, q) in system.projected(u)?.iter().enumerate() {
         axpy(-q, modes.shapes.col_as_slice(k), &mut rest);
     }
     let mut force = vec![0.0; u.len()];

@@ -95,14 +95,11 @@ impl<E: Engine> TwoRuns<'_, '_, E> {
 impl<E: Engine> Neighbours for TwoRuns<'_, '_, E> {
     /// Returns the root of the energy of the difference.
     fn distance(&mut self) -> Result<f64> {
-        let System { engine, stiffness, mass, .. } = self.system;
         let less = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect::<Vec<f64>>();
         let u = less(self.second.displacement(), self.first.displacement());
-        let elastic = engine.multiply(stiffness, &u, &mut vec![0.0; u.len()])?;
         let rate = less(&self.second.velocity()?, &self.first.velocity()?);
-        let mut v = vec![0.0; engine.velocities(mass)];
-        engine.project(mass, &rate, &mut v)?;
-        Ok((0.5 * (elastic + engine.mass_norm_squared(mass, &v)?)).max(0.0).sqrt())
+        let [elastic, kinetic] = self.system.energies(&u, &rate)?;
+        Ok((elastic + kinetic).max(0.0).sqrt())
     }
 
     fn rescale(&mut self, ratio: f64) -> Result<()> {

@@ -112,7 +112,7 @@ impl Vocabulary<'_> {
             }
             names.set(&word, value);
         }
-        let condition = Condition::parse_with(&text, Names::NONE, &names);
+        let condition = Condition::parse(&text, Names::NONE, &names);
         let holds = condition.and_then(|condition| condition.holds(Point::origin(), 0.0));
         holds.map_err(|wrong| wrong.to_string())
     }

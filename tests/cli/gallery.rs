@@ -3,7 +3,7 @@
 
 use crate::common::command;
 use crate::common::command::{rebond, succeeds};
-use rebond::mesh::Mesh;
+use rebond::mesh::{Import, Mesh};
 use rebond::output::plot::run::amplitudes;
 use serde_json::Value;
 use std::f64::consts::PI;
@@ -350,7 +350,7 @@ fn snubbers_catch_an_instrument_as_a_single_mass() {
 /// its seat have the areas of the mesh.
 #[test]
 fn a_valve_meets_its_seat_as_a_rigid_disc() {
-    let mesh = Mesh::load_gmsh(format!("{GALLERY}/disc.msh")).unwrap();
+    let mesh = Mesh::load(format!("{GALLERY}/disc.msh"), Import::default()).unwrap();
     let (mut whole, mut ring) = (0.0, 0.0);
     for cell in 0..mesh.cells.len() {
         let [a, b, c] = mesh.vertices(cell)[..] else { panic!("a triangle") };

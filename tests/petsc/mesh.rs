@@ -10,7 +10,7 @@ use rebond::communicator::Communicator;
 use rebond::distributed::{Distributed, Part};
 use rebond::dof_map::{DofMap, PER_NODE, Place, Support};
 use rebond::linalg::{Engine, Form};
-use rebond::mesh::{Cell, Mesh, Point};
+use rebond::mesh::{Cell, Import, Mesh, Point};
 use rebond::modes::{self, ModeRange, lowest_basis};
 use rebond::obstacle::Bounds;
 use rebond::petsc::Context;
@@ -50,7 +50,7 @@ fn parts(name: &str) -> Result<()> {
     let counted = |key: &str| expected[key].as_u64().unwrap() as usize;
     let (triangles, quadrilaterals) = (counted("triangles"), counted("quadrilaterals"));
     for refinements in [0, 2] {
-        let read = || Mesh::load_gmsh(path(&format!("{name}_41_binary.msh")));
+        let read = || Mesh::load(path(&format!("{name}_41_binary.msh")), Import::default());
         let Part { mesh, owns, .. } = Part::of_mesh(&context, read, refinements, &on_edges(&[]), &[], None)?;
         mesh.check()?;
         let mine = mesh.cells.iter().filter(|cell| matches!(cell, Cell::Triangle(_))).count();
@@ -309,7 +309,7 @@ fn sorted(mut dofs: Vec<usize>) -> Vec<usize> {
 }
 
 fn square() -> Mesh {
-    Mesh::load_gmsh(path("square_41_binary.msh")).unwrap()
+    Mesh::load(path("square_41_binary.msh"), Import::default()).unwrap()
 }
 
 fn the_plate_is_the_native_one(arguments: &[String]) -> Result<()> {
@@ -362,7 +362,7 @@ fn error_of(
 fn an_error_of_rank_0_is_that_of_all(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
     for (name, code) in [("second_order.msh", 2), ("expected.json", 2), ("nowhere.msh", 4)] {
-        let read = || Mesh::load_gmsh(path(name));
+        let read = || Mesh::load(path(name), Import::default());
         let error = error_of(&context, read, &[]);
         assert_eq!((error.to_string(), error.exit_code()), (read().unwrap_err().to_string(), code));
     }
@@ -372,7 +372,7 @@ fn an_error_of_rank_0_is_that_of_all(arguments: &[String]) -> Result<()> {
 
 fn an_error_of_some_rank_is_that_of_all(arguments: &[String]) -> Result<()> {
     let context = Context::start(arguments)?;
-    let read = || Mesh::load_gmsh(path("hole_41_text.msh"));
+    let read = || Mesh::load(path("hole_41_text.msh"), Import::default());
     let unknown = [("right", Support::Clamped)];
     let error = error_of(&context, read, &unknown);
     assert_eq!(error.to_string(), DofMap::new(&read()?, unknown).unwrap_err().to_string());

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use rebond::Error;
-use rebond::mesh::{Cell, Mesh};
+use rebond::mesh::{Cell, Import, Mesh};
 use serde_json::Value;
 
 fn path(name: &str) -> PathBuf {
@@ -13,7 +13,7 @@ fn path(name: &str) -> PathBuf {
 }
 
 fn load(name: &str) -> Mesh {
-    Mesh::load_gmsh(path(name)).unwrap()
+    Mesh::load(path(name), Import::default()).unwrap()
 }
 
 fn expected(name: &str) -> Value {
@@ -141,7 +141,7 @@ const SQUARE: &str = "$Comments\r\nby hand: $Nodes\r\n$EndComments\r\n$MeshForma
 
 #[test]
 fn sparse_numbers_orphans_and_foreign_sections_are_welcome() {
-    let mesh = Mesh::from_gmsh(SQUARE.as_bytes(), "square.msh").unwrap();
+    let mesh = Mesh::from_bytes(SQUARE.as_bytes(), "square.msh", Import::default()).unwrap();
     assert_eq!(mesh.nodes.len(), 4);
     assert_eq!(mesh.cells, [Cell::Triangle([0, 1, 2]), Cell::Triangle([0, 2, 3])]);
     assert_eq!(mesh.edges, [("the \u{e9}dge".to_string(), vec![[0, 1]])].into());
@@ -152,7 +152,7 @@ fn sparse_numbers_orphans_and_foreign_sections_are_welcome() {
 /// name that no element uses is no hindrance. The curve then has its number for a name.
 #[test]
 fn older_versions_and_names_of_nothing_are_welcome() {
-    let read = |text: &str| Mesh::from_gmsh(text.as_bytes(), "square.msh").unwrap();
+    let read = |text: &str| Mesh::from_bytes(text.as_bytes(), "square.msh", Import::default()).unwrap();
     let mesh = read(SQUARE);
     for version in ["2 0", "2.0 0", "2.1 0"] {
         assert_eq!(read(&SQUARE.replace("2.2 0", version)), mesh);
@@ -167,7 +167,7 @@ fn older_versions_and_names_of_nothing_are_welcome() {
 
 #[track_caller]
 fn assert_refused(bytes: &[u8], words: &[&str]) {
-    match Mesh::from_gmsh(bytes, "plate.msh") {
+    match Mesh::from_bytes(bytes, "plate.msh", Import::default()) {
         Err(Error::Mesh(text)) => {
             assert!(text.starts_with("plate.msh:") && !text.contains('\n'), "{text}");
             words.iter().for_each(|word| assert!(text.contains(word), "no {word:?} in: {text}"));
@@ -283,6 +283,6 @@ fn binary_flaws_are_named_with_their_offset() {
 
 #[test]
 fn a_file_that_is_not_there_is_an_error_of_reading() {
-    let error = Mesh::load_gmsh(path("nowhere.msh")).unwrap_err();
+    let error = Mesh::load(path("nowhere.msh"), Import::default()).unwrap_err();
     assert!(matches!(error, Error::Io { .. }) && error.to_string().contains("nowhere.msh"), "{error}");
 }

@@ -7,13 +7,13 @@ use nalgebra::SVector;
 use rebond::dof_map::Support;
 use rebond::element::{Basis, fvs, hct};
 use rebond::linalg::Engine;
-use rebond::mesh::{Cell, Mesh, Point};
+use rebond::mesh::{Cell, Import, Mesh, Point};
 use std::collections::HashMap;
 
 /// Returns Gmsh's unit square: quadrilaterals on the left, triangles on the right.
 fn square() -> Mesh {
     let bytes = include_bytes!("../data/gmsh/square_41_binary.msh");
-    Mesh::from_gmsh(bytes, "square.msh").unwrap()
+    Mesh::from_bytes(bytes, "square.msh", Import::default()).unwrap()
 }
 
 /// Returns w, w_x and w_y on the `edge`-th edge of a cell, at the fraction `s` of it.

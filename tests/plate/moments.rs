@@ -6,7 +6,7 @@ use crate::common::plates::{Alternating, Fvs, Hct, Matrices, Right, all_round};
 use crate::common::scenes::{self, STILL, close, grid};
 use rebond::assembly::{self, Pressure, Recovery};
 use rebond::dof_map::Support;
-use rebond::mesh::{Mesh, Point};
+use rebond::mesh::{Import, Mesh, Point};
 use rebond::obstacle::Bounds;
 use rebond::partition::WholeMesh;
 use rebond::scheme;
@@ -69,7 +69,7 @@ pub fn jittered(mut mesh: Mesh, n: usize) -> Mesh {
 
 fn gmsh_square(refinements: usize) -> Mesh {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/gmsh/square_41_text.msh");
-    let mesh = Mesh::load_gmsh(file).unwrap();
+    let mesh = Mesh::load(file, Import::default()).unwrap();
     (0..refinements).fold(mesh, |mesh, _| mesh.refine())
 }
 
@@ -260,7 +260,7 @@ fn published_moments_of_the_square() {
 #[test]
 fn the_clamped_disc() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/gallery/disc.msh");
-    let mut mesh = Mesh::load_gmsh(file).unwrap();
+    let mut mesh = Mesh::load(file, Import::default()).unwrap();
     let radius = 0.2;
     let mut errors = Vec::new();
     for _ in 0..3 {

@@ -495,7 +495,9 @@ fn obstacles_bound_what_they_are_opposite_to() {
     // A group consists of the nodes of its cells.
     let mesh = "plate = { thickness = 1, youngs_modulus = 1, poissons_ratio = 0, density = 1 }\nmesh.file = 'gmsh/square_41_text.msh'\n";
     let mesh = [mesh, &all_round("guided"), STILL].concat();
-    let read = rebond::mesh::Mesh::load_gmsh("tests/data/gmsh/square_41_text.msh").unwrap();
+    let read =
+        rebond::mesh::Mesh::load("tests/data/gmsh/square_41_text.msh", rebond::mesh::Import::default())
+            .unwrap();
     for (group, cells) in &read.groups {
         let model =
             model(&format!("{mesh}obstacle = [{{ side = \"below\", height = -1, group = \"{group}\" }}]\n"));

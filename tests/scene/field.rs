@@ -5,7 +5,7 @@
 use crate::common::Random;
 use crate::common::clock::processor_seconds;
 use proptest::prelude::*;
-use rebond::field::{Condition, Derivatives, Field, Interpolation, Interval, Names, Table};
+use rebond::field::{Condition, Derivatives, Field, Interpolation, Interval, Names, Parameters, Table};
 use rebond::mesh::Point;
 use serde_json::Value;
 
@@ -164,15 +164,16 @@ fn faults_of_values_name_the_point() {
 
 #[test]
 fn conditions_choose_points() {
-    let holds =
-        |text: &str, x, y| Condition::parse(text, Names::XY).expect(text).holds(Point::new(x, y), 0.0);
+    let holds = |text: &str, x, y| {
+        Condition::parse(text, Names::XY, Parameters::NONE).expect(text).holds(Point::new(x, y), 0.0)
+    };
     assert_eq!(holds("x > 0.5 and y < 0.2", 0.6, 0.1), Ok(true));
     assert_eq!(holds("x > 0.5 and y < 0.2", 0.5, 0.1), Ok(false));
     assert_eq!(holds("hypot(x - 1, y) <= 0.5 or not (x != 3)", 1.3, 0.4), Ok(true));
     assert_eq!(holds("x > 0 and ln(x) < 1", -1.0, 0.0), Ok(false));
     assert_eq!(holds("x <= 0 or ln(x) < 1", -1.0, 0.0), Ok(true));
     assert!(holds("ln(x) < 1", -1.0, 0.0).is_err());
-    let fault = Condition::parse("x - 1", Names::XY).unwrap_err().to_string();
+    let fault = Condition::parse("x - 1", Names::XY, Parameters::NONE).unwrap_err().to_string();
     assert_eq!(fault, "column 1: found a number; expected a condition, such as x > 0.5");
 }
 
@@ -361,7 +362,7 @@ proptest! {
             let _ = field.jet(Point::new(0.0, 1.0), -1.0);
             let _ = field.terms();
         }
-        let _ = Condition::parse(&text, Names::XYT);
+        let _ = Condition::parse(&text, Names::XYT, Parameters::NONE);
     }
 }
 

@@ -230,7 +230,7 @@ impl<'s, E: Engine> ModalScheme<'s, E> {
         let decays = system.decay_rates(&modes);
         let now = State {
             data: loads.at(system, &modes, &saddle, &[], 0.0)?.into(),
-            ..State::at_start(system, modes.count(), &start)?
+            ..State::at_start(system, &start)?
         };
         let bounds = &system.bounds;
         let fastest = modes.squares.last().map_or(0.0, |square| square.sqrt() / TAU);

@@ -233,7 +233,7 @@ impl<'s> ReturnMap<'s> {
     /// # Errors
     /// Returns the errors of the engine.
     pub fn project(&self, start: &Start) -> Result<Vec<f64>> {
-        let State { q, v, .. } = State::at_start(self.system, self.modes.count(), start)?;
+        let State { q, v, .. } = State::at_start(self.system, start)?;
         Ok([q, v].concat())
     }
 

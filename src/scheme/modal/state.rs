@@ -40,12 +40,9 @@ pub(super) struct State {
 }
 
 impl State {
-    /// Creates the initial state of a number of modes, settled and without candidates and data.
-    /// Collective.
-    pub fn at_start<E: Engine>(system: &System<E>, modes: usize, start: &Start) -> Result<State> {
-        let (mut q, mut v) = (vec![0.0; modes], vec![0.0; modes]);
-        system.engine.project(&system.mass, &start.displacement, &mut q)?;
-        system.engine.project(&system.mass, &start.velocity, &mut v)?;
+    /// Creates the initial state of the modes, settled and without candidates and data. Collective.
+    pub fn at_start<E: Engine>(system: &System<E>, start: &Start) -> Result<State> {
+        let (q, v) = (system.projected(&start.displacement)?, system.projected(&start.velocity)?);
         let frame_rates = system.drive.rates(0.0)?;
         Ok(State { q, v, is_settled: true, frame_rates, ..State::default() })
     }

@@ -67,9 +67,7 @@ pub(super) fn settle<E: OfCells, P: Partition>(
     };
     let shape = ground.comm().all_ok(ground.shape_of(&ground.scene.initial.deflection))?;
     let guess = ground.owned(&ground.space.interpolate(&shape), system.engine.dofs());
-    let [mut bent, mut first] = [(); 2].map(|()| vec![0.0; modes.count()]);
-    system.engine.project(&system.mass, displacement, &mut bent)?;
-    system.engine.project(&system.mass, &guess, &mut first)?;
+    let (bent, first) = (system.projected(displacement)?, system.projected(&guess)?);
     let mut rest = displacement.to_vec();
     modes.add_shapes(&bent.iter().map(|q| -q).collect::<Vec<_>>(), &mut rest);
     let mut search = Search::new(form, modes, ground.space, &bent);
