@@ -180,13 +180,10 @@ pub fn stiffness<'r, const N: usize>(
 ) -> SMatrix<f64, N, N> {
     let rule = rule.into();
     let mut stiffness = SMatrix::zeros();
-    for (number, piece) in element.pieces.iter().enumerate() {
-        let area = piece.area();
-        for &(barycentric, weight) in rule.of(number) {
-            let bending = section(element.point(number, barycentric)).bending;
-            let curvature = piece.basis(barycentric).hessian;
-            stiffness += curvature.tr_mul(&(bending * (weight * area) * curvature));
-        }
+    for (piece, place, barycentric, weight) in element.nodes(rule) {
+        let bending = section(place).bending;
+        let curvature = piece.basis(barycentric).hessian;
+        stiffness += curvature.tr_mul(&(bending * (weight * piece.area()) * curvature));
     }
     (stiffness + stiffness.transpose()) / 2.0
 }
@@ -207,13 +204,11 @@ pub fn stiffness_root<'r, const N: usize>(
     let points: usize = (0..element.pieces.len()).map(|piece| rule.of(piece).len()).sum();
     let mut strains = DMatrix::zeros(3 * points, N - 3);
     let mut row = 0;
-    for (number, piece) in element.pieces.iter().enumerate() {
-        for &(barycentric, weight) in rule.of(number) {
-            let bending = section(element.point(number, barycentric)).bending * (weight * piece.area());
-            let strain = bending.cholesky()?.l().tr_mul(&piece.basis(barycentric).hessian);
-            strains.rows_mut(row, 3).copy_from(&strain.columns(3, N - 3));
-            row += 3;
-        }
+    for (piece, place, barycentric, weight) in element.nodes(rule) {
+        let bending = section(place).bending * (weight * piece.area());
+        let strain = bending.cholesky()?.l().tr_mul(&piece.basis(barycentric).hessian);
+        strains.rows_mut(row, 3).copy_from(&strain.columns(3, N - 3));
+        row += 3;
     }
     Some(strains.qr().r())
 }
@@ -234,12 +229,10 @@ pub fn mass_by<const N: usize>(
     density: impl Fn(Point) -> f64,
 ) -> SMatrix<f64, N, N> {
     let mut mass = SMatrix::zeros();
-    for (number, piece) in element.pieces.iter().enumerate() {
-        for &(barycentric, weight) in rule.of(number) {
-            let area = piece.area() * density(element.point(number, barycentric));
-            let value = piece.values(barycentric);
-            mass += value * (value * (weight * area)).transpose();
-        }
+    for (piece, place, barycentric, weight) in element.nodes(rule) {
+        let area = piece.area() * density(place);
+        let value = piece.values(barycentric);
+        mass += value * (value * (weight * area)).transpose();
     }
     (mass + mass.transpose()) / 2.0
 }
@@ -252,12 +245,10 @@ pub fn geometric_stiffness<const N: usize>(
     force: impl Fn(Point) -> Matrix2<f64>,
 ) -> SMatrix<f64, N, N> {
     let mut geometric = SMatrix::zeros();
-    for (number, piece) in element.pieces.iter().enumerate() {
-        for &(barycentric, weight) in rule.of(number) {
-            let force = force(element.point(number, barycentric)) * (weight * piece.area());
-            let gradient = piece.basis(barycentric).gradient;
-            geometric += gradient.tr_mul(&(force * gradient));
-        }
+    for (piece, place, barycentric, weight) in element.nodes(rule) {
+        let force = force(place) * (weight * piece.area());
+        let gradient = piece.basis(barycentric).gradient;
+        geometric += gradient.tr_mul(&(force * gradient));
     }
     (geometric + geometric.transpose()) / 2.0
 }
@@ -269,10 +260,8 @@ pub fn geometric_stiffness<const N: usize>(
 /// constant velocity to its deflection in the singular mass.
 pub fn moments<const N: usize>(element: &Element<N>) -> SVector<f64, N> {
     let mut moments = SVector::zeros();
-    for piece in &element.pieces {
-        for (barycentric, weight) in quadrature::DEGREE_3 {
-            moments += piece.values(barycentric) * (weight * piece.area());
-        }
+    for (piece, _, barycentric, weight) in element.nodes((&quadrature::DEGREE_3).into()) {
+        moments += piece.values(barycentric) * (weight * piece.area());
     }
     moments
 }
@@ -292,11 +281,9 @@ pub fn load_by<const N: usize>(
     pressure: impl Fn(Point) -> f64,
 ) -> SVector<f64, N> {
     let mut load = SVector::zeros();
-    for (number, piece) in element.pieces.iter().enumerate() {
-        for &(barycentric, weight) in rule.of(number) {
-            let force = pressure(element.point(number, barycentric)) * weight * piece.area();
-            load += piece.values(barycentric) * force;
-        }
+    for (piece, place, barycentric, weight) in element.nodes(rule) {
+        let force = pressure(place) * weight * piece.area();
+        load += piece.values(barycentric) * force;
     }
     load
 }

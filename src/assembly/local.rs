@@ -73,12 +73,10 @@ fn arrays_of<const N: usize>(
     let density = |point: Point| section(point).density;
     let rule = sections.rules(number).map_or((&quadrature::DEGREE_6).into(), Rule::Own);
     let (mut weight, mut energies) = (0.0, Vector3::zeros());
-    for (number, piece) in element.pieces.iter().enumerate() {
-        for &(barycentric, share) in rule.of(number) {
-            let section = section(element.point(number, barycentric));
-            weight += share * piece.area() * section.density;
-            energies += share * piece.area() * section.bending.diagonal();
-        }
+    for (piece, place, _, share) in element.nodes(rule) {
+        let section = section(place);
+        weight += share * piece.area() * section.density;
+        energies += share * piece.area() * section.bending.diagonal();
     }
     let stiffness = plate::stiffness(element, rule, section);
     let bending = bending(element, vertices, number, rule, section, energies);

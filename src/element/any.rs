@@ -81,12 +81,7 @@ impl AnyElement {
     /// Returns the points of a quadrature rule on all pieces, with their weights as areas in m^2.
     pub fn quadrature(&self, rule: Rule) -> Vec<(Point, f64)> {
         with_element!(self, element => {
-            let mut nodes = Vec::new();
-            for (number, piece) in element.pieces.iter().enumerate() {
-                let node = |&(barycentric, weight)| (element.point(number, barycentric), weight * piece.area());
-                nodes.extend(rule.of(number).iter().map(node));
-            }
-            nodes
+            element.nodes(rule).map(|(piece, place, _, weight)| (place, weight * piece.area())).collect()
         })
     }
 }

@@ -24,6 +24,7 @@ pub(crate) use any::with_element;
 pub use any::{AnyElement, BasisFunction};
 pub use registry::{CellShape, ElementByShape, ElementKind};
 
+use self::quadrature::Rule;
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
 
 use crate::geometry::Point;
@@ -142,6 +143,15 @@ impl<const N: usize> Element<N> {
     /// negative there: its cubic is extrapolated.
     pub fn locate(&self, point: Point) -> (usize, [f64; 3]) {
         self.pieces_at(point).next().unwrap_or_default()
+    }
+
+    /// Returns the points of a quadrature rule on all pieces: the piece, the place in m, the
+    /// barycentric coordinates in the piece, and the weight.
+    pub fn nodes<'e>(&'e self, rule: Rule<'e>) -> impl Iterator<Item = (&'e Piece<N>, Point, [f64; 3], f64)> {
+        self.pieces.iter().enumerate().flat_map(move |(number, piece)| {
+            let nodes = rule.of(number).iter();
+            nodes.map(move |&(place, weight)| (piece, self.point(number, place), place, weight))
+        })
     }
 
     /// Returns all pieces that contain a point, to rounding, like [`Element::locate`].

@@ -271,20 +271,18 @@ fn points<const N: usize>(
     sections: &impl Sections,
 ) -> Result<Vec<StrainPoint>> {
     let mut points = Vec::new();
-    for (number, piece) in element.pieces.iter().enumerate() {
-        for &(barycentric, weight) in rule.of(number) {
-            let section = sections.section(cell, element.point(number, barycentric))?;
-            let stiffness = section.bending * (12.0 / section.thickness.powi(2) * weight * piece.area());
-            let root = stiffness.cholesky().ok_or_else(|| {
-                Error::Singular(format!("cell {cell}: the material has no stiffness in its plane"))
-            })?;
-            let basis = piece.basis(barycentric).gradient;
-            let mut gradients = [[0.0; MOST]; 2];
-            for (i, gradient) in basis.column_iter().enumerate() {
-                (gradients[0][i], gradients[1][i]) = (gradient.x, gradient.y);
-            }
-            points.push(StrainPoint { root: root.l().transpose(), gradients });
+    for (piece, place, barycentric, weight) in element.nodes(rule) {
+        let section = sections.section(cell, place)?;
+        let stiffness = section.bending * (12.0 / section.thickness.powi(2) * weight * piece.area());
+        let root = stiffness.cholesky().ok_or_else(|| {
+            Error::Singular(format!("cell {cell}: the material has no stiffness in its plane"))
+        })?;
+        let basis = piece.basis(barycentric).gradient;
+        let mut gradients = [[0.0; MOST]; 2];
+        for (i, gradient) in basis.column_iter().enumerate() {
+            (gradients[0][i], gradients[1][i]) = (gradient.x, gradient.y);
         }
+        points.push(StrainPoint { root: root.l().transpose(), gradients });
     }
     Ok(points)
 }

@@ -192,14 +192,12 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
 fn points<const N: usize>(element: &Element<N>) -> Vec<PressedPoint> {
     let rule = Rule::from(&quadrature::DEGREE_6);
     let mut points = Vec::new();
-    for (number, piece) in element.pieces.iter().enumerate() {
-        for &(barycentric, weight) in rule.of(number) {
-            points.push(PressedPoint {
-                place: element.point(number, barycentric),
-                weight: weight * piece.area(),
-                values: piece.values(barycentric).iter().copied().collect(),
-            });
-        }
+    for (piece, place, barycentric, weight) in element.nodes(rule) {
+        points.push(PressedPoint {
+            place,
+            weight: weight * piece.area(),
+            values: piece.values(barycentric).iter().copied().collect(),
+        });
     }
     points
 }
