@@ -8,7 +8,7 @@
 use crate::archive::{Archive, VectorKind};
 use crate::error::Result;
 use crate::hash;
-use crate::vi::Answer;
+use crate::vi::{Answer, Problem};
 use faer::dyn_stack::{MemBuffer, MemStack};
 use faer::linalg::cholesky::llt;
 use faer::linalg::cholesky::llt::factor::{LltRegularization, cholesky_in_place, cholesky_in_place_scratch};
@@ -172,6 +172,20 @@ pub(super) struct BoundValues<'a> {
     /// Magnitude of the row of each reaction, in N. A reaction has the wrong sign only if it
     /// exceeds the rounding of its row.
     pub magnitude: &'a [f64],
+}
+
+/// Sets the reactions, given A x: A x - b where x is held or a bound that yields is loaded.
+pub(super) fn set_reactions(
+    sides: &[BoundStatus],
+    &Problem { rhs: b, bounds, .. }: &Problem,
+    product: &[f64],
+    Answer { x, reaction }: &mut Answer,
+) {
+    for (i, &dof) in bounds.dofs.iter().enumerate() {
+        let force = product[dof] - b[dof];
+        let bears = sides[i] != BoundStatus::Free || bounds.reaction(i, x[dof]) * force > 0.0;
+        reaction[i] = if bears { force } else { 0.0 };
+    }
 }
 
 /// Returns the indices that violate a condition, ascending, and the statuses they should have.

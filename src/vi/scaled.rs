@@ -22,6 +22,7 @@
 //! at their depth while the other rows are corrected; the check of the answer compares their
 //! reactions with the law.
 
+use super::active_set;
 use super::kkt::{KktCheck, Residual};
 use super::laws::YieldingBound;
 use super::{Answer, BoundStatus, Condensed, Problem, Solver};
@@ -480,14 +481,8 @@ impl Bounded {
         problem: &Problem,
         answer: &mut Answer,
     ) -> Result<Vec<f64>> {
-        let Problem { matrix, rhs: b, bounds, .. } = *problem;
-        let Answer { x, reaction } = answer;
-        let forces = product(engine, matrix, x)?;
-        for (i, &dof) in bounds.dofs.iter().enumerate() {
-            let force = forces[dof] - b[dof];
-            let bears = self.sides[i] != BoundStatus::Free || bounds.reaction(i, x[dof]) * force > 0.0;
-            reaction[i] = if bears { force } else { 0.0 };
-        }
+        let forces = product(engine, problem.matrix, &answer.x)?;
+        active_set::set_reactions(&self.sides, problem, &forces, answer);
         Ok(forces)
     }
 

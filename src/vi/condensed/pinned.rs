@@ -149,14 +149,10 @@ impl Condensed {
         answer: &mut Answer,
     ) -> Result<Vec<(usize, BoundStatus)>> {
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
-        let Answer { x, reaction } = answer;
         let [mut product, mut magnitude] = [(); 2].map(|()| vec![0.0; b.len()]);
-        engine.multiply_with_magnitude(matrix, x, [&mut product, &mut magnitude])?;
-        for (i, &dof) in bounds.dofs.iter().enumerate() {
-            let force = product[dof] - b[dof];
-            let bears = self.sides[i] != BoundStatus::Free || bounds.reaction(i, x[dof]) * force > 0.0;
-            reaction[i] = if bears { force } else { 0.0 };
-        }
+        engine.multiply_with_magnitude(matrix, &answer.x, [&mut product, &mut magnitude])?;
+        active_set::set_reactions(&self.sides, problem, &product, answer);
+        let Answer { x, reaction } = answer;
         let x: Vec<f64> = bounds.dofs.iter().map(|&dof| x[dof]).collect();
         let magnitude: Vec<f64> = bounds.dofs.iter().map(|&dof| magnitude[dof] + b[dof].abs()).collect();
         let values = BoundValues { lower, upper, x: &x, reaction, magnitude: &magnitude };
