@@ -141,6 +141,15 @@ pub fn read_plain(path: &Path) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
+/// Creates the folder of a file if necessary.
+///
+/// # Errors
+/// Returns [`Error::Io`] where it cannot be created.
+pub fn create_parent(path: &Path) -> Result<()> {
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).map_err(Error::io(folder))
+}
+
 /// Refuses all that is no plain file, given what the system says about it.
 ///
 /// # Errors

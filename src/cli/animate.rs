@@ -3,6 +3,7 @@
 use super::command::{Execute, Program};
 use super::printing::print;
 use crate::error::{Error, Result};
+use crate::input::create_parent;
 use crate::output::plot::animation::{self, Format};
 use crate::output::plot::{self, perspective};
 use crate::output::run_folder::RunFolder;
@@ -58,9 +59,7 @@ impl Execute for Animate {
         let format = self.format.or(self.out.as_deref().map(Format::of)).unwrap_or(Format::Png);
         let name = || self.folder.join(plot::FOLDER).join(animation::NAME).with_extension(format.extension());
         let path = self.out.clone().unwrap_or_else(name);
-        if let Some(folder) = path.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        }
+        create_parent(&path)?;
         let delay = Duration::from_secs_f64(self.duration / figures.len() as f64);
         animation::write(&path, format, &figures, self.width, delay)?;
         let size = std::fs::metadata(&path).map_err(Error::io(&path))?.len();

@@ -4,8 +4,8 @@ use super::printing::print;
 use crate::continuation::BranchReport;
 use crate::error::{Error, Result};
 use crate::geometry::range;
-use crate::input;
 use crate::output::report::{self, ManyRuns, RunTable};
+use crate::output::summary::read_json;
 use crate::output::text::{grouped, significant};
 use crate::output::{paths_in, plot, write_atomic};
 use crate::sweep::{self, SweepReport, SweepStatistics};
@@ -90,8 +90,7 @@ pub(super) fn of_branch(folder: &Path, page: &Path) -> Result<()> {
 pub(super) fn of_study(folder: &Path, page: &Path) -> Result<()> {
     let path = folder.join(STUDY);
     let invalid = |what: &str| Error::invalid(&path, what);
-    let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
-    let study: Value = serde_json::from_slice(&bytes).map_err(|why| invalid(&why.to_string()))?;
+    let study: Value = read_json(&path)?;
     if study["program"] != env!("CARGO_PKG_NAME") || !study["runs"].is_array() {
         return Err(invalid("not the results of a study of rebond"));
     }

@@ -5,6 +5,7 @@ use super::command::{Execute, Program};
 use super::printing::OutputMode;
 use super::set_up::SetUpTold;
 use crate::error::{Error, Result};
+use crate::input::create_parent;
 use crate::study::{Sound, Source};
 use clap::Args;
 use std::path::PathBuf;
@@ -59,9 +60,7 @@ impl Execute for SoundArgs {
         let set_up = SetUpTold::new(self.voice);
         let sound = Sound::new(&self.folder, &source, slow)?;
         drop(set_up);
-        if let Some(folder) = self.out.parent().filter(|folder| !folder.as_os_str().is_empty()) {
-            std::fs::create_dir_all(folder).map_err(Error::io(folder))?;
-        }
+        create_parent(&self.out)?;
         sound.write(&self.out)?;
         self.voice.print(&format!("{sound}written to {shown}\n"), &sound)
     }

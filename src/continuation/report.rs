@@ -3,10 +3,9 @@
 use super::branch::PeriodicMotion;
 use super::orbit::modulus;
 use super::points::PointKind;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::geometry::range;
-use crate::input;
-use crate::output::summary::write_json;
+use crate::output::summary::{read_json, write_json};
 use crate::output::text::{TableColumns, engineering, significant_digits};
 use crate::output::write_atomic;
 use crate::scene::{Scene, unit};
@@ -113,11 +112,9 @@ impl BranchReport {
     /// Reads `branch.json` from a folder.
     ///
     /// # Errors
-    /// Returns [`Error::Io`] where the file cannot be read or is none of a branch.
+    /// Returns [`crate::Error::Io`] where the file cannot be read or is none of a branch.
     pub fn read(folder: &Path) -> Result<BranchReport> {
-        let path = folder.join(JSON);
-        let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
-        serde_json::from_slice(&bytes).map_err(|why| Error::invalid(path, why.to_string()))
+        read_json(&folder.join(JSON))
     }
 
     /// Returns whether the branch is one of free vibrations.

@@ -5,10 +5,9 @@ use super::quantities::{Quantity, of_plate, of_probe};
 use super::row::{ProbeHead, SweepRow};
 use super::rows::SweepRows;
 use super::statistics::SweepStatistics;
-use crate::error::{Error, Result};
-use crate::input;
+use crate::error::Result;
 use crate::input::write_whole;
-use crate::output::summary::write_json;
+use crate::output::summary::{read_json, write_json};
 use crate::output::text::TableColumns;
 use crate::scene::{Scene, SweepSpec};
 use serde::{Deserialize, Serialize};
@@ -77,17 +76,15 @@ impl SweepReport {
     /// Reads `sweep.json` from a folder.
     ///
     /// # Errors
-    /// Returns [`Error::Io`] where the file cannot be read or is none of a sweep.
+    /// Returns [`crate::Error::Io`] where the file cannot be read or is none of a sweep.
     pub fn read(folder: &Path) -> Result<SweepReport> {
-        let path = folder.join(JSON);
-        let bytes = input::read_plain(&path).map_err(Error::io(&path))?;
-        serde_json::from_slice(&bytes).map_err(|why| Error::invalid(path, why.to_string()))
+        read_json(&folder.join(JSON))
     }
 
     /// Writes `sweep.csv` and `sweep.json`, each whole or not at all.
     ///
     /// # Errors
-    /// Returns [`Error::Io`] where a file cannot be written.
+    /// Returns [`crate::Error::Io`] where a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<()> {
         write_json(&folder.join(JSON), self)?;
         write_whole(&folder.join(CSV), &mut File::options(), |file| {

@@ -5,8 +5,8 @@ use super::panel::{Curve, Frame, Obstacle, Panel, Ramp};
 use super::paper::{Anchor, At, Canvas, Color, Type, png, rgb};
 use super::strokes::{HATCH, LABEL, MARKER, RULE, Stroke, TICK_LABEL, draw_markers, draw_solid, wrapped};
 use crate::error::{Error, Result};
+use crate::input::create_parent;
 use crate::output::write_atomic;
-use std::fs;
 use std::num::NonZero;
 use std::panic::resume_unwind;
 use std::path::{Path, PathBuf};
@@ -330,8 +330,6 @@ fn write_both(path: &Path, svg: &str) -> Result<()> {
 }
 
 fn write_in_folder(path: &Path, bytes: &[u8]) -> Result<()> {
-    if let Some(folder) = path.parent() {
-        fs::create_dir_all(folder).map_err(Error::io(folder))?;
-    }
+    create_parent(path)?;
     write_atomic(path, bytes)
 }
