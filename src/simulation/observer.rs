@@ -140,58 +140,39 @@ impl<F: FnMut(&Row) -> Result<()>> Observer for F {
     }
 }
 
+/// Passes what a method receives on to both observers of a pair.
+macro_rules! both_receive {
+    ($($method:ident($($name:ident: $kind:ty),*);)*) => { $(
+        fn $method(&mut self, $($name: $kind),*) -> Result<()> {
+            self.0.$method($($name),*)?;
+            self.1.$method($($name),*)
+        }
+    )* };
+}
+
 /// Pair of observers. Both receive everything, the first one first; after an error of the first the
 /// second receives nothing. Only the second may write snapshots.
 pub struct Both<A, B>(pub A, pub B);
 
 impl<A: Observer, B: Observer> Observer for Both<A, B> {
+    both_receive! {
+        row(row: &Row);
+        contacts(ended: &[Contact]);
+        reactions(step: u64, time: f64, rows: &[NodeReaction]);
+        fields(snapshot: &Snapshot);
+        fields_complete(step: u64, time: f64, pieces: &[Extent]);
+        envelope(envelope: &Envelope);
+        event(event: &NodeEvent);
+        state(scheme: &dyn Solution);
+    }
+
     fn begin(&mut self, energy: f64) {
         self.0.begin(energy);
         self.1.begin(energy);
     }
 
-    fn row(&mut self, row: &Row) -> Result<()> {
-        self.0.row(row)?;
-        self.1.row(row)
-    }
-
-    fn contacts(&mut self, ended: &[Contact]) -> Result<()> {
-        self.0.contacts(ended)?;
-        self.1.contacts(ended)
-    }
-
-    fn reactions(&mut self, step: u64, time: f64, rows: &[NodeReaction]) -> Result<()> {
-        self.0.reactions(step, time, rows)?;
-        self.1.reactions(step, time, rows)
-    }
-
-    fn fields(&mut self, snapshot: &Snapshot) -> Result<()> {
-        self.0.fields(snapshot)?;
-        self.1.fields(snapshot)
-    }
-
     fn piece(&self) -> Extent {
         self.1.piece()
-    }
-
-    fn fields_complete(&mut self, step: u64, time: f64, pieces: &[Extent]) -> Result<()> {
-        self.0.fields_complete(step, time, pieces)?;
-        self.1.fields_complete(step, time, pieces)
-    }
-
-    fn envelope(&mut self, envelope: &Envelope) -> Result<()> {
-        self.0.envelope(envelope)?;
-        self.1.envelope(envelope)
-    }
-
-    fn event(&mut self, event: &NodeEvent) -> Result<()> {
-        self.0.event(event)?;
-        self.1.event(event)
-    }
-
-    fn state(&mut self, scheme: &dyn Solution) -> Result<()> {
-        self.0.state(scheme)?;
-        self.1.state(scheme)
     }
 
     fn pause(&mut self, state: RunState) -> Result<()> {
