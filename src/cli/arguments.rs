@@ -53,11 +53,11 @@ impl SceneArgs {
     }
 
     /// Loads the scene with additional overrides.
-    pub fn load_with(&self, more: &[String]) -> Result<Scene> {
+    pub fn load_with(&self, more: &[&[String]]) -> Result<Scene> {
         let named = [("solver.engine", &self.engine), ("solver.vi", &self.vi)];
         let named = named.into_iter().filter_map(|(key, name)| Some(format!("{key}={}", name.as_ref()?)));
         let overrides: Vec<String> =
-            self.overrides.iter().cloned().chain(named).chain(more.iter().cloned()).collect();
+            self.overrides.iter().cloned().chain(named).chain(more.concat()).collect();
         let parallel = cfg!(feature = "petsc") && launch::size() > 1;
         let engine = if parallel { EngineName::Petsc } else { EngineName::Native };
         Scene::load_for(&self.scene, &overrides, engine)

@@ -57,7 +57,7 @@ impl Execute for Check {
         let set_up = SetUpTold::new(self.scene.voice);
         let mut check = study::check(&scene)?;
         if let Some(sweep) = scene.sweep.as_ref().filter(|_| scene.solver.engine == EngineName::Native) {
-            let (runs, expected_seconds) = sweep::expected_time(sweep, &|more| self.scene.load_with(more));
+            let (runs, expected_seconds) = sweep::expected_time(sweep, &|more| self.scene.load_with(&[more]));
             check.sweep = Some(SweepCost { runs, periods: sweep.periods, expected_seconds });
         }
         drop(set_up);

@@ -104,8 +104,7 @@ impl ContinueArgs {
         let mut settings = vec![format!("sweep.over=[{:?}]", format!("{key}={},{}", range[0], range[1]))];
         let period = |period: &String| format!("sweep.period={}", toml::word(period).unwrap_or_default());
         settings.extend(self.period.iter().map(period));
-        let load =
-            |more: &[String]| self.scene.load_with(&settings.iter().chain(more).cloned().collect::<Vec<_>>());
+        let load = |more: &[String]| self.scene.load_with(&[&settings, more]);
         let scene = load(&[])?;
         require_modes(&scene)?;
         let spec = scene.sweep.clone().ok_or_else(wrong)?;

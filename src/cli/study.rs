@@ -116,7 +116,7 @@ struct Lists {
 
 impl Execute for Study {
     fn execute(&self, _: Program) -> Result<()> {
-        let scene = self.scene.load_with(&overrides("study", &self.lists))?;
+        let scene = self.scene.load_with(&[&overrides("study", &self.lists)])?;
         let study = scene.study();
         #[cfg(feature = "petsc")]
         if study.engines.contains(&EngineName::Petsc) {

@@ -148,8 +148,7 @@ impl Settings {
 impl Execute for SweepArgs {
     fn execute(&self, _: Program) -> Result<()> {
         let settings = self.settings.overrides();
-        let load =
-            |more: &[String]| self.scene.load_with(&settings.iter().chain(more).cloned().collect::<Vec<_>>());
+        let load = |more: &[String]| self.scene.load_with(&[&settings, more]);
         let scene = load(&[])?;
         let Some(sweep) = &scene.sweep else {
             let wrong =
