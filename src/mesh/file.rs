@@ -47,9 +47,10 @@ impl Mesh {
     /// - Whole and partitioned files give the same mesh. Parametric coordinates, periodicity,
     ///   post-processing data and sections of other programs are ignored.
     ///
-    /// From the others, element sets and property numbers (`pid_7`) are groups of cells. Element sets
-    /// of lines, and node sets that consist of whole sides of the boundary, are named edges; other
-    /// node sets are named points. What else the file says is counted in [`notes`](Mesh::notes).
+    /// From the others, element sets and property numbers (`pid_7`) are groups of cells. Element
+    /// sets of lines, and node sets that consist of whole sides of the boundary, are named edges;
+    /// other node sets are named points. What else the file says is counted in
+    /// [`notes`](Mesh::notes).
     ///
     /// # Errors
     /// Returns [`crate::Error::Io`] for a file that cannot be read. Returns [`crate::Error::Mesh`],
@@ -68,8 +69,8 @@ impl Mesh {
         Mesh::from_bytes(&bytes, &path.display().to_string(), import)
     }
 
-    /// Reads a mesh like [`Mesh::load`], from the bytes of a file. Any bytes give either a valid mesh
-    /// or [`crate::Error::Mesh`].
+    /// Reads a mesh like [`Mesh::load`], from the bytes of a file. Any bytes give either a valid
+    /// mesh or [`crate::Error::Mesh`].
     pub fn from_bytes(bytes: &[u8], file_name: &str, import: Import) -> Result<Mesh> {
         let format = format_of(file_name).filter(|_| !bytes.starts_with(b"$MeshFormat"));
         format.unwrap_or(gmsh::read)(Cursor::new(file_name, bytes))?.mesh(import)

@@ -168,8 +168,8 @@ impl Ksp {
         solved
     }
 
-    /// Solves A x = b from x = 0 to the largest one of those tolerances of the solver and two others,
-    /// the absolute one in the norm in which the method measures its residual. Collective.
+    /// Solves A x = b from x = 0 to the largest one of those tolerances of the solver and two
+    /// others, the absolute one in the norm in which the method measures its residual. Collective.
     ///
     /// # Errors
     /// Returns the errors of [`Ksp::solve`].

@@ -92,8 +92,8 @@ impl<'s, E: Engine + 'static> PlateUnderLoad<'s, E> {
         Ok((search.u, search.reaction, search.report))
     }
 
-    /// Solves the static equilibrium with a factor of K that rounding has spoilt. Returns `None` where
-    /// the plate would cross a bound, or the answer is not accurate. Collective.
+    /// Solves the static equilibrium with a factor of K that rounding has spoilt. Returns `None`
+    /// where the plate would cross a bound, or the answer is not accurate. Collective.
     fn free_equilibrium(&self, mut factor: Box<dyn Factor>) -> Result<Option<Equilibrium>> {
         let PlateUnderLoad { engine, stiffness, load, bounds } = *self;
         let Some(mut u) = conjugate_gradients::solve(engine, stiffness, factor.as_mut(), load)? else {

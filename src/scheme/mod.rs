@@ -191,7 +191,7 @@ impl<E: Engine> System<E> {
         Ok(v)
     }
 
-    /// Returns the elastic energy of a displacement (m) and the kinetic energy of a rate (m/s), in J.
+    /// Returns the elastic energy of a displacement (m) and the kinetic one of a rate (m/s), in J.
     pub(crate) fn energies(&self, u: &[f64], rate: &[f64]) -> Result<[f64; 2]> {
         let elastic = 0.5 * self.engine.multiply(&self.stiffness, u, &mut vec![0.0; u.len()])?;
         Ok([elastic, 0.5 * self.engine.mass_norm_squared(&self.mass, &self.projected(rate)?)?])
