@@ -481,7 +481,7 @@ impl Bounded {
         problem: &Problem,
         answer: &mut Answer,
     ) -> Result<Vec<f64>> {
-        let forces = product(engine, problem.matrix, &answer.x)?;
+        let forces = product(engine, problem.matrix, answer.x)?;
         active_set::set_reactions(&self.sides, problem, &forces, answer);
         Ok(forces)
     }

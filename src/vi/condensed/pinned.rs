@@ -150,7 +150,7 @@ impl Condensed {
     ) -> Result<Vec<(usize, BoundStatus)>> {
         let Problem { matrix, rhs: b, bounds, .. } = *problem;
         let [mut product, mut magnitude] = [(); 2].map(|()| vec![0.0; b.len()]);
-        engine.multiply_with_magnitude(matrix, &answer.x, [&mut product, &mut magnitude])?;
+        engine.multiply_with_magnitude(matrix, answer.x, [&mut product, &mut magnitude])?;
         active_set::set_reactions(&self.sides, problem, &product, answer);
         let Answer { x, reaction } = answer;
         let x: Vec<f64> = bounds.dofs.iter().map(|&dof| x[dof]).collect();
