@@ -30,7 +30,7 @@ pub(crate) fn main() -> rebond::Result<()> {
     let scene = Scene::from_str(SCENE, "square.toml", &[])?;
     let model = Model::new(&scene)?;
     let system = &model.system;
-    let computed = modes::lowest(&system.engine, &system.stiffness, &system.mass, 3, false)?;
+    let computed = modes::lowest(&system.engine, [&system.stiffness, &system.mass], 3, false)?;
 
     let plate = scene.plate.plate;
     let unit = (plate.rigidity() / plate.surface_density()).sqrt() / (TAU * scene.plate.length.powi(2));

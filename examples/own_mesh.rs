@@ -27,7 +27,7 @@ pub(crate) fn main() -> rebond::Result<()> {
         let engine = Native::with_layout(dofs.layout(&mesh));
         let stiffness = engine.form(assembly::stiffness(&cells));
         let mass = engine.form(assembly::consistent_mass(&cells));
-        let computed = modes::lowest(&engine, &stiffness, &mass, 4, false)?;
+        let computed = modes::lowest(&engine, [&stiffness, &mass], 4, false)?;
 
         error = computed[0] / leissa - 1.0;
         println!("{:6} triangles: {computed:9.3?} Hz, error of the first {error:8.1e}", cells.len());
