@@ -25,6 +25,9 @@ const SUMMARY: &str = "modes.json";
 /// Number of parts of each edge of a cell at which shapes are evaluated, unless the scene says.
 const PARTS: usize = 4;
 
+/// Largest number of shapes in a picture.
+const MOST_DRAWN: usize = 100;
+
 /// Lowest natural modes of a scene, with the consistent mass.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct ModeShapes {
@@ -102,10 +105,10 @@ impl ModeShapes {
         summary::write_json(&folder.join(SUMMARY), self)
     }
 
-    /// Draws the shapes with their nodal lines, frequencies and bolts.
+    /// Draws the first shapes, at most a hundred, with their nodal lines, frequencies and bolts.
     pub fn figure(&self) -> Figure {
         let modes = self.frequencies.iter().copied().zip(self.shapes.iter().cloned());
-        perspective::modes(modes.collect(), &self.title, &self.bolts)
+        perspective::modes(modes.take(MOST_DRAWN).collect(), &self.title, &self.bolts)
     }
 }
 
@@ -120,6 +123,10 @@ impl fmt::Display for ModeShapes {
             };
             table.row([(number + 1).to_string(), frequency, period]);
         }
-        write!(f, "{table}")
+        write!(f, "{table}")?;
+        match self.frequencies.len() {
+            0..=MOST_DRAWN => Ok(()),
+            count => writeln!(f, "the picture has the first {MOST_DRAWN} of these {count} modes"),
+        }
     }
 }

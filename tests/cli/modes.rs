@@ -64,6 +64,22 @@ fn modes_have_the_shapes_and_frequencies_of_a_square() {
     assert!(lines > of_fifth.rfind("<polygon").unwrap(), "nodal lines over all faces");
 }
 
+/// A picture of all modes of a fine mesh would be too large to draw.
+#[test]
+fn a_picture_has_the_first_hundred_modes() {
+    let folder = command::folder("cli-modes-many", SQUARE);
+    let said = succeeds(&rebond(&folder, &["modes", "fall.toml", "--count", "101"]));
+    assert!(
+        said.contains("\n  101") && said.contains("the picture has the first 100 of these 101 modes\n"),
+        "{said}"
+    );
+    let folder = folder.join("modes/fall");
+    let picture = fs::read_to_string(folder.join("plots/modes.svg")).unwrap();
+    assert!(picture.contains(">100: ") && !picture.contains(">101: "));
+    assert_eq!(fs::read_to_string(folder.join("modes.csv")).unwrap().lines().count(), 102);
+    assert!(folder.join("modes/mode-101.vtu").exists());
+}
+
 #[test]
 fn what_is_no_folder_of_modes_is_refused() {
     let folder = command::folder("cli-modes-bad", SQUARE);
