@@ -24,7 +24,7 @@ Examples:
 pub(super) struct Animate {
     /// Run folder, with snapshots (output.fields_every)
     folder: PathBuf,
-    /// Picture; default: plots/animation.png (or .gif) in the run folder
+    /// Picture (.png, .apng or .gif); default: plots/animation.png (or .gif) in the run folder
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
     /// Format; default: gif where FILE ends with .gif, else png
@@ -48,6 +48,14 @@ impl Execute for Animate {
                 format!("--duration {}: expected a time in s greater than 0, up to 3600", self.duration);
             return Err(Error::Usage(wrong));
         }
+        let named = match &self.out {
+            None => Format::Png,
+            Some(path) => Format::of(path).ok_or_else(|| {
+                let shown = path.display();
+                Error::Usage(format!("--out {shown}: expected a name that ends in .png, .apng or .gif"))
+            })?,
+        };
+        let format = self.format.unwrap_or(named);
         let run = RunFolder::read(&self.folder)?;
         if run.snapshots.len() < 2 {
             let (shown, count) = (self.folder.display(), run.snapshots.len());
@@ -56,7 +64,6 @@ impl Execute for Animate {
         }
         let title = run.summary["scene"]["title"].as_str().unwrap_or_default();
         let figures = perspective::frames(run.surfaces(self.frames as usize)?, title, &run.bolts());
-        let format = self.format.or(self.out.as_deref().map(Format::of)).unwrap_or(Format::Png);
         let name = || self.folder.join(plot::FOLDER).join(animation::NAME).with_extension(format.extension());
         let path = self.out.clone().unwrap_or_else(name);
         create_parent(&path)?;

@@ -106,9 +106,16 @@ fn a_run_becomes_an_animated_picture() {
     let ends = read(&folder.join("slides/fall.png"));
     assert_eq!(ends.delays, [0.5, 0.5]);
     assert_eq!(ends.pictures[0].len(), whole.pictures[0].len());
-    let by_name = ["animate", "runs/fall", "--frames", "2", "--out", "slides/fall.GIF"];
-    succeeds(&rebond(&folder, &by_name));
+    let by_name = |name| rebond(&folder, &["animate", "runs/fall", "--frames", "2", "--out", name]);
+    succeeds(&by_name("slides/fall.GIF"));
     assert_eq!(read_gif(&folder.join("slides/fall.GIF")).delays, [3.0, 3.0]);
+    succeeds(&by_name("slides/fall.apng"));
+    let by_format = ["animate", "runs/fall", "--frames", "2", "--format", "apng", "--out", "slides/same.png"];
+    succeeds(&rebond(&folder, &by_format));
+    let bytes = |name| fs::read(folder.join(name)).unwrap();
+    assert!(bytes("slides/fall.apng") == bytes("slides/same.png"));
+    assert_fails(&by_name("x.mp4"), 2, &["--out x.mp4", ".png, .apng or .gif"]);
+    assert!(!folder.join("x.mp4").exists());
 
     // A new run removes the pictures of the old one.
     succeeds(&rebond(&folder, &["run", "fall.toml", "--quiet", "--overwrite"]));

@@ -60,16 +60,16 @@ impl Frame {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum Format {
     /// Animated PNG, in all colours
+    #[value(alias = "apng")]
     Png,
     /// GIF, in 256 colours per frame, for programs that do not know animated PNG
     Gif,
 }
 
 impl Format {
-    /// Returns the format that the extension of a file names; PNG where it names none.
-    pub fn of(path: &Path) -> Format {
-        let is_gif = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("gif"));
-        if is_gif { Format::Gif } else { Format::Png }
+    /// Returns the format that the extension of a file names.
+    pub fn of(path: &Path) -> Option<Format> {
+        <Format as clap::ValueEnum>::from_str(path.extension()?.to_str()?, true).ok()
     }
 
     /// Returns the extension of files.
