@@ -300,7 +300,8 @@ fn a_report_begins_with_what_the_plate_is() {
     ];
     let sentence = between(&page, "<p class=\"plate\">", "</p>");
     assert!(told.iter().all(|words| sentence.contains(words)), "{sentence}");
-    // The moving view shows the rubber through the plate, and says so.
+    // The moving view has washers to size, shows the rubber through the plate, and says so.
+    assert_eq!(meta(&page)["bolts"][1], serde_json::json!([0.55, 0.05, 0.02]));
     assert!(page.contains("white ones lie behind the plate"));
     // Pictures too long for the page as SVG are there as PNG of moderate size.
     let images = page.split("src=\"data:image/png;base64,").skip(1);

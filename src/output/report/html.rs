@@ -277,7 +277,7 @@ pub(super) fn trouble() -> &'static str {
      <noscript><p class=\"warning\">Without JavaScript the page shows still pictures only.</p></noscript>\n"
 }
 
-const LEGEND: &str = "Orange points are in contact, thick dark edges and dots do not move, grey surfaces and pegs are obstacles, white \
+const LEGEND: &str = "Orange points are in contact, thick dark edges, dots and discs do not move, grey surfaces and pegs are obstacles, white \
     ones lie behind the plate. \
     Drag to turn, pinch to zoom, also by the wheel after a click on the view; keys: arrows turn, + and − zoom, Home \
     resets, space plays, comma and full stop go to the snapshot before and after.";

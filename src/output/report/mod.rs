@@ -68,7 +68,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
         meta["scale"] = json!(drawn);
         meta["scales"] = scales.copied().collect::<Vec<f64>>().into();
         meta["colors"] = frames.store(&mut data);
-        meta["bolts"] = run.bolts().into_iter().map(|[x, y, _]| json!([x, y])).collect();
+        meta["bolts"] = json!(run.bolts());
     }
     let path = folder.join(FILE);
     let (arrays, numbers) = data.finish().map_err(Error::io(&path))?;

@@ -67,7 +67,7 @@ class Player {
     this.w = new Float32Array(n);
     this.values = new Float32Array(n);
     this.heights = { floor: new Float32Array(n), ceiling: new Float32Array(n) };
-    this.bolts = Uint32Array.from(meta.bolts, (place) => this.#nearest(place));
+    this.bolts = meta.bolts.map((bolt) => [...bolt, this.#nearest(bolt)]);
     this.ranges = this.#ranges();
     this.balls = arrays.balls.length / 4 / this.times.length;
     this.middle = this.#middle();

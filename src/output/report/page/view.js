@@ -34,6 +34,8 @@ void main() {
 }`;
 /** Half the height of the window over its distance. */
 const TANGENT = 0.2;
+/** Number of corners of a washer. */
+const RIM = 24;
 const GREY = [0.5, 0.52, 0.56];
 const GHOST = [1, 1, 1, 0.5];
 const HOME = { turn: -0.6, rise: 0.42, near: 1 };
@@ -101,8 +103,10 @@ export class View {
     gl.depthMask(true);
     gl.disable(gl.BLEND);
     this.#balls(ratio);
-    this.#points(state.bolts, [...state.ink, 1]);
-    this.#points(state.touch, [0.9, 0.36, 0, 1]);
+    gl.disable(gl.DEPTH_TEST);
+    this.#bolts();
+    this.#touch();
+    gl.enable(gl.DEPTH_TEST);
   }
 
   /** Returns the distance from which the whole plate fits in the window. */
@@ -176,37 +180,48 @@ export class View {
   /** Draws balls, whose size no scene tells, on the point that touches the plate. */
   #balls(ratio) {
     const { gl, state, size } = this;
-    if (state.balls.length === 0) return;
     const centres = state.balls.map(([x, y, z, side]) => [x, y, z + (side * 0.02 * size) / state.scale, 0, 0, 0]);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.other);
-    gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(centres.flat()), gl.DYNAMIC_DRAW);
-    this.#attributes(this.buffers.other);
     gl.uniform1f(this.place("bulk"), 24 * ratio);
-    this.#paint(3, [0.5, 0.5, 0.55, 1]);
-    gl.drawArrays(gl.POINTS, 0, centres.length);
+    this.#shapes(gl.POINTS, centres, 3, [0.5, 0.5, 0.55, 1]);
     gl.uniform1f(this.place("bulk"), 7 * ratio);
   }
 
-  /** Draws dots at some points, such as bolts and contacts. */
-  #points(points, color) {
-    const { gl } = this;
-    if (points.length === 0) return;
+  /** Draws bolts as dots, and their washers to size. */
+  #bolts() {
+    const { gl, state } = this, ink = [...state.ink, 1], rims = [];
+    const rim = ([x, y, radius, p], i) => {
+      const angle = (2 * Math.PI * i) / RIM;
+      return [x + radius * Math.cos(angle), y + radius * Math.sin(angle), state.w[p], 0, 0, 0];
+    };
+    const centres = state.bolts.map(([x, y, , p]) => [x, y, state.w[p], 0, 0, 0]);
+    state.bolts.forEach((bolt, b) => {
+      for (let i = 0; i < RIM; i++) rims.push(centres[b], rim(bolt, i), rim(bolt, i + 1));
+    });
+    this.#triangles(rims, 0, ink);
+    this.#shapes(gl.POINTS, centres, 3, ink);
+  }
+
+  /** Draws dots at points in contact. */
+  #touch() {
+    const { gl, state: { touch } } = this;
     this.#attributes(this.buffers.points);
-    gl.disable(gl.DEPTH_TEST);
-    this.#paint(3, color);
+    this.#paint(3, [0.9, 0.36, 0, 1]);
     gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.touching);
-    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, points, gl.DYNAMIC_DRAW);
-    gl.drawElements(gl.POINTS, points.length, gl.UNSIGNED_INT, 0);
-    gl.enable(gl.DEPTH_TEST);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, touch, gl.DYNAMIC_DRAW);
+    gl.drawElements(gl.POINTS, touch.length, gl.UNSIGNED_INT, 0);
   }
 
   #triangles(corners, mode, color) {
+    this.#shapes(this.gl.TRIANGLES, corners, mode, color);
+  }
+
+  #shapes(kind, corners, mode, color) {
     const { gl } = this;
     gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers.other);
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(corners.flat()), gl.DYNAMIC_DRAW);
     this.#attributes(this.buffers.other);
     this.#paint(mode, color);
-    gl.drawArrays(gl.TRIANGLES, 0, corners.length);
+    gl.drawArrays(kind, 0, corners.length);
   }
 
   #attributes(buffer) {
