@@ -65,8 +65,10 @@ pub fn typeset(text: &str) -> String {
 }
 
 /// Units in texts.
-const UNITS: [&str; 14] =
-    ["m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W", "N/m", "N/m²", "N/m³", "N/m^1.5"];
+const UNITS: [&str; 17] = [
+    "m", "s", "Pa", "N", "J", "Hz", "g", "%", "m/s", "W", "N/m", "N/m²", "N/m³", "N/m^1.5", "s/m", "s/m²",
+    "s/m³",
+];
 
 /// Formats the coordinates of a point, given in m, with four digits of the larger one.
 pub fn place(point: [f64; 2]) -> String {

@@ -76,7 +76,7 @@ pub use in_plane::{InPlane, Traction};
 pub use initial::{Initial, StartFrom};
 pub use loads::{Force, Load, Moment};
 pub use mesh::{Grid, MeshFile};
-pub use obstacles::{Compliance, Obstacle, SourcePosition, stiffness_unit};
+pub use obstacles::{Compliance, Obstacle, SourcePosition, compliance_units};
 pub(crate) use ordinal::ordinal;
 pub use output::{Output, Probe, Snapshots};
 pub use plate::{Part, PlateSpec};

@@ -141,10 +141,11 @@ fn law_and_site(name: &str, is_given: impl Fn(&str) -> bool) -> (StopLaw, usize)
     (law, site)
 }
 
-/// Returns the unit of a stop's stiffness, given the name of its law and the keys of its table.
-pub fn stiffness_unit(law: &str, is_given: impl Fn(&str) -> bool) -> &'static str {
+/// Returns the units of a stop's stiffness and damping, given the name of its law and the keys of
+/// its table.
+pub fn compliance_units(law: &str, is_given: impl Fn(&str) -> bool) -> [&'static str; 2] {
     let (law, site) = law_and_site(law, is_given);
-    STIFFNESS(law, site)
+    [STIFFNESS, DAMPING].map(|unit| unit(law, site))
 }
 
 /// Region that an obstacle faces, its compliance there, and the position of its law.

@@ -36,7 +36,7 @@ support = [
   { at = [0.3, 0.35], kind = "clamped" },
 ]
 obstacle = [
-  { name = "rubber", side = "below", height = -0.5e-3, at = [0.3, 0.2], stiffness = 2e4 },
+  { name = "rubber", side = "below", height = -0.5e-3, at = [0.3, 0.2], stiffness = 2e4, damping = 50 },
   { side = "below", height = -0.5e-3, where = "x < 0.1", stiffness = 2e6 },
   { side = "below", height = -0.5e-3, where = "x < 0.1", stiffness = 2e6 },
 ]
@@ -295,7 +295,7 @@ fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
 fn a_report_begins_with_what_the_plate_is() {
     let page = page(&folder("report-panel", PANEL));
     let told = [
-        "clamped at 2 bolts and at a point; a compliant stop of 20\u{a0}kN/m, at a point 500\u{a0}\u{b5}m below (rubber);",
+        "clamped at 2 bolts and at a point; a compliant stop of 20\u{a0}kN/m, 50\u{a0}N\u{a0}s/m, at a point 500\u{a0}\u{b5}m below (rubber);",
         "; 2 times a compliant stop of 2\u{a0}MN/m³, 500\u{a0}\u{b5}m below; a ball of 10\u{a0}g; starts with a velocity of ",
     ];
     let sentence = between(&page, "<p class=\"plate\">", "</p>");

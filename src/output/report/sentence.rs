@@ -1,7 +1,7 @@
 //! One sentence of what the plate of a run is.
 
 use crate::output::text::{engineering, raised};
-use crate::scene::stiffness_unit;
+use crate::scene::compliance_units;
 use serde_json::Value;
 
 /// Largest number of equal stops that a sentence names.
@@ -92,6 +92,9 @@ fn plate(scene: &Value, extent: Option<[f64; 2]>) -> String {
         Some(thickness) => format!("{} thick", engineering(thickness, "m")),
         None => "of varying thickness".into(),
     };
+    // The border of a mesh lies within a curved one, so that more digits say nothing.
+    let rounded = |side: f64| format!("{side:.2e}").parse().unwrap_or(side);
+    let extent = extent.map(|sides| sides.map(rounded));
     let sides = number("length").zip(number("width")).map(<[f64; 2]>::from).or(extent);
     let size = sides.map(|sides| sides.map(|side| engineering(side, "m")).join(" x "));
     [material, thickness].into_iter().chain(size).collect::<Vec<_>>().join(", ")
@@ -99,7 +102,7 @@ fn plate(scene: &Value, extent: Option<[f64; 2]>) -> String {
 
 /// Returns the supports, grouped by kind.
 fn supports(scene: &Value) -> String {
-    let mut kinds: Vec<(String, Vec<String>, [usize; 2])> = Vec::new();
+    let mut kinds: Vec<(String, Vec<&str>, [usize; 2])> = Vec::new();
     for support in list(scene, "support") {
         let kind = support["kind"].as_str().unwrap_or("supported").replace('_', " ");
         if kinds.last().is_none_or(|(last, ..)| *last != kind) {
@@ -107,17 +110,12 @@ fn supports(scene: &Value) -> String {
         }
         let Some((_, edges, spots)) = kinds.last_mut() else { continue };
         match support["edge"].as_str() {
-            Some(edge) => edges.push(match edge {
-                "left" | "right" | "bottom" | "top" => format!("the {edge} edge"),
-                curve => curve.to_owned(),
-            }),
+            Some(edge) => edges.push(edge),
             None => spots[usize::from(support["radius"].is_null())] += 1,
         }
     }
-    let words = |(kind, edges, spots): (String, Vec<String>, [usize; 2])| {
-        let is_all_round = edges.len() == 4 && edges.iter().all(|edge| edge.ends_with(" edge"));
-        let along = || if is_all_round { "all edges".to_owned() } else { edges.join(", ") };
-        let edges = (!edges.is_empty()).then(|| format!("along {}", along()));
+    let words = |(kind, edges, spots): (String, Vec<&str>, [usize; 2])| {
+        let edges = (!edges.is_empty()).then(|| format!("along {}", along(&edges)));
         let spots = spots.into_iter().zip(["bolt", "point"]).filter_map(|(count, place)| match count {
             0 => None,
             1 => Some(format!("at a {place}")),
@@ -132,14 +130,35 @@ fn supports(scene: &Value) -> String {
     }
 }
 
+/// Returns edges in words: sides of a rectangle, and curves of a mesh, which have an article where
+/// their name is a word.
+fn along(edges: &[&str]) -> String {
+    let is_side = |edge: &&str| ["left", "right", "bottom", "top"].contains(edge);
+    let (sides, curves): (Vec<&str>, Vec<&str>) = edges.iter().partition(|edge| is_side(edge));
+    let sides = match sides.as_slice() {
+        [] => None,
+        [side] => Some(format!("the {side} edge")),
+        [.., _, _, _, _] => Some("all edges".into()),
+        [others @ .., last] => Some(format!("the {} and {last} edges", others.join(", "))),
+    };
+    let curve = |name: &str| match name.chars().all(|letter| letter.is_ascii_lowercase()) {
+        true => format!("the {name}"),
+        false => name.to_owned(),
+    };
+    sides.into_iter().chain(curves.into_iter().map(curve)).collect::<Vec<_>>().join(", ")
+}
+
 fn stop(obstacle: &Value) -> String {
     let side = obstacle["side"].as_str().unwrap_or("below");
     let place = if obstacle["at"].is_array() || obstacle["point"].is_string() { "at a point " } else { "" };
     let stop = match obstacle["stiffness"].as_f64() {
         Some(stiffness) => {
             let law = obstacle["law"].as_str().unwrap_or_default();
-            let unit = stiffness_unit(law, |key| !obstacle[key].is_null());
-            format!("compliant stop of {},", engineering(stiffness, &raised(unit)))
+            let damping = obstacle["damping"].as_f64().filter(|damping| *damping > 0.0);
+            let units = compliance_units(law, |key| !obstacle[key].is_null());
+            let numbers = [stiffness].into_iter().chain(damping).zip(units);
+            let numbers: Vec<_> = numbers.map(|(number, unit)| engineering(number, &raised(unit))).collect();
+            format!("compliant stop of {},", numbers.join(", "))
         }
         None => "rigid stop".into(),
     };
@@ -180,4 +199,17 @@ fn loads(scene: &Value) -> Vec<String> {
         parts.push("gravity".into());
     }
     parts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::along;
+
+    #[test]
+    fn edges_are_told_together() {
+        assert_eq!(along(&["left"]), "the left edge");
+        assert_eq!(along(&["left", "bottom", "right"]), "the left, bottom and right edges");
+        assert_eq!(along(&["left", "right", "bottom", "top"]), "all edges");
+        assert_eq!(along(&["boundary", "left", "hole_1"]), "the left edge, the boundary, hole_1");
+    }
 }
