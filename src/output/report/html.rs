@@ -334,7 +334,7 @@ pub(super) fn contacts(contacts: Option<&[Contact]>) -> String {
         Some([]) => "<p>Nothing touched.</p>".to_owned(),
         Some(contacts) => contact_table(contacts),
     };
-    section("contacts", "", "Contacts", &body)
+    section("contacts", "", "Contacts of nodes", &body)
 }
 
 fn contact_table(contacts: &[Contact]) -> String {
