@@ -265,6 +265,7 @@ fn many_rows_and_snapshots_are_thinned_and_peaks_stay() {
 fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
     let scene = SCENE.replace("fields_every = 20\nsubdivide = 3\n", "").replace("stresses = true\n", "");
     let scene = scene.replace("obstacle = [{ side = \"below\", height = -0.1 }]", "");
+    let scene = scene.replace("\"newmark\"", "\"conserving\"");
     let bolts = [
         "[0.6, 0.0], kind = \"clamped\"",
         "[0.6, 0.4], kind = \"guided\"",
@@ -286,8 +287,15 @@ fn a_run_without_snapshots_and_obstacles_says_how_to_get_them() {
     // A line above the answers leads to the box.
     let link = format!("<a href=\"#warnings\">{count} warnings</a>");
     assert!(between(&page, "<header>", "</header>").contains(&link) && warnings.contains("id=\"warnings\""));
-    assert!(page.contains("--set output.fields_every=2 --overwrite</code>") && !page.contains("<canvas"));
-    assert!(page.contains("The scene has neither obstacles nor balls."));
+    let command = between(&page, "<code>rebond run ", "</code>");
+    assert!(command.contains("fall.toml") && !page.contains("<canvas"), "{command}");
+    assert!(command.ends_with(" --set output.fields_every=2 --out run --overwrite"), "{command}");
+    assert!(page.contains(">Contacts of nodes</h2>\n<p>The scene has neither obstacles nor balls."));
+    // Energy that is kept has no chart of its rounding.
+    let charts = &meta(&page)["charts"];
+    assert!(
+        charts[2]["title"] == "energy of the plate" && charts[3]["title"] == "force on the plate, upward"
+    );
 }
 
 /// Stops are told with their names and stiffness, and supports with a radius are bolts.

@@ -1,6 +1,7 @@
 //! Rows of `history.csv` as charts of the page.
 
 use super::blob::PageData;
+use crate::output::answers::EQUAL;
 use crate::output::history::Table;
 use serde_json::{Value, json};
 
@@ -146,8 +147,11 @@ fn charts(table: &Table, rules: &[f64]) -> Vec<Chart> {
     let exchanged = [("put in", "work", 1.0), ("lost", "energy", -1.0)].into_iter();
     let exchanged = exchanged.map(|(name, column, sign)| (name, table.since_start(column, sign)));
     let exchanged = exchanged.filter(|(name, values)| *name == "lost" || moves(values));
-    let exchanged = exchanged.map(|(name, values)| line(name, &values)).collect();
-    charts.push(chart("energy since the start", "J", exchanged));
+    let exchanged: Vec<_> = exchanged.map(|(name, values)| line(name, &values)).collect();
+    let largest = |values: &[f64]| values.iter().fold(0.0, |largest: f64, value| largest.max(value.abs()));
+    if exchanged.iter().any(|curve| largest(&curve.values) > EQUAL * largest(&stored)) {
+        charts.push(chart("energy since the start", "J", exchanged));
+    }
     let mut forces: Vec<LabelledCurve> = table.forces().map(|(name, values)| line(name, values)).collect();
     if moves(column("contact_force")) {
         forces.insert(0, line("all obstacles", column("contact_force")));
