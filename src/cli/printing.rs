@@ -2,6 +2,7 @@
 
 use super::launch;
 use crate::error::{Error, Result};
+use crate::output::text::quoted;
 use clap::Args;
 use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
@@ -78,27 +79,4 @@ pub(super) fn command_line() -> String {
     };
     let words = words.map(|word| quoted(&word)).collect::<Vec<_>>().join(" ");
     format!("{launcher}{} {words}", program.unwrap_or_default())
-}
-
-/// Returns a word in quotes where a shell would not take it as it stands.
-fn quoted(word: &str) -> String {
-    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./,:=+@%".contains(letter);
-    if !word.is_empty() && word.chars().all(is_plain) {
-        return word.to_owned();
-    }
-    format!("'{}'", word.replace('\'', r"'\''"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::quoted;
-
-    #[test]
-    fn words_are_quoted_for_the_shell() {
-        assert_eq!(quoted("time.step=1e-5"), "time.step=1e-5");
-        assert_eq!(quoted("mesh.cells=[4, 2]"), "'mesh.cells=[4, 2]'");
-        assert_eq!(quoted("load.pressure=2*sin(t)"), "'load.pressure=2*sin(t)'");
-        assert_eq!(quoted("title=the plate's"), r"'title=the plate'\''s'");
-        assert_eq!(quoted(""), "''");
-    }
 }

@@ -216,3 +216,26 @@ impl fmt::Display for Table {
         Ok(())
     }
 }
+
+/// Returns a word in quotes where a shell would not take it as it stands.
+pub fn quoted(word: &str) -> String {
+    let is_plain = |letter: char| letter.is_alphanumeric() || "-_./,:=+@%".contains(letter);
+    if !word.is_empty() && word.chars().all(is_plain) {
+        return word.to_owned();
+    }
+    format!("'{}'", word.replace('\'', r"'\''"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::quoted;
+
+    #[test]
+    fn words_are_quoted_for_the_shell() {
+        assert_eq!(quoted("time.step=1e-5"), "time.step=1e-5");
+        assert_eq!(quoted("mesh.cells=[4, 2]"), "'mesh.cells=[4, 2]'");
+        assert_eq!(quoted("load.pressure=2*sin(t)"), "'load.pressure=2*sin(t)'");
+        assert_eq!(quoted("title=the plate's"), r"'title=the plate'\''s'");
+        assert_eq!(quoted(""), "''");
+    }
+}

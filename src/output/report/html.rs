@@ -6,7 +6,8 @@ use super::sentence;
 use crate::output::answers::{self, KeyFigure};
 use crate::output::contacts::Contact;
 use crate::output::plot;
-use crate::output::text::{engineering, grouped, prefix, raised, significant, two_digits, typeset};
+use crate::output::run_folder::RunFolder;
+use crate::output::text::{engineering, grouped, prefix, quoted, raised, significant, two_digits, typeset};
 use crate::scene::unit;
 use serde_json::Value;
 
@@ -243,13 +244,18 @@ pub(super) fn numbers(summary: &Value) -> String {
 }
 
 /// Returns the view of the moving plate, or how to get one; `colors` describes its quantities.
-pub(super) fn view(summary: &Value, frames: Option<&Frames>, colors: &Value) -> String {
+pub(super) fn view(run: &RunFolder, frames: Option<&Frames>, colors: &Value) -> String {
     let Some(frames) = frames else {
-        let steps = summary["steps"].as_u64().unwrap_or(0);
-        let words = format!(
-            "<p>This run wrote no snapshots, so that there is no moving view. \
-             <code>rebond run SCENE.toml --set output.fields_every={} --overwrite</code> writes about 300 of them.</p>",
+        let steps = run.summary["steps"].as_u64().unwrap_or(0);
+        let [file, folder] =
+            [run.scene_file(), run.folder.to_string_lossy().into()].map(|path| quoted(&path));
+        let command = format!(
+            "rebond run {file} --set output.fields_every={} --out {folder} --overwrite",
             (steps / 300).max(1)
+        );
+        let words = format!(
+            "<p>This run wrote no snapshots, so that there is no moving view. <code>{}</code> writes about 300 of them.</p>",
+            escaped(&command)
         );
         return section("motion", "", "The motion", &words);
     };

@@ -78,7 +78,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
         html::head(summary, frames),
         html::trouble().to_owned(),
         "<div class=\"first\">\n".to_owned(),
-        html::view(summary, frames, &meta["colors"]),
+        html::view(run, frames, &meta["colors"]),
         html::answers(summary),
         "</div>\n".to_owned(),
         html::charts(rows, table.rows(), &files(folder)),
