@@ -68,6 +68,7 @@ pub(crate) fn page(run: &RunFolder, frames: Option<&Frames>, modes: Option<&Mode
         meta["scale"] = json!(drawn);
         meta["scales"] = scales.copied().collect::<Vec<f64>>().into();
         meta["colors"] = frames.store(&mut data);
+        meta["step"] = summary["scene"]["time"]["step"].clone();
         meta["bolts"] = json!(run.bolts());
     }
     let path = folder.join(FILE);

@@ -189,6 +189,7 @@ class Player {
     cancelAnimationFrame(this.timer);
     this.timer = undefined;
     this.#button("Play");
+    this.draw();
   }
 
   #button(word) {
@@ -245,7 +246,9 @@ class Player {
     $("quantity").textContent = label;
     $("low").textContent = small(low);
     $("high").textContent = small(high);
-    $("now").textContent = `t = ${words}${touch.length ? ", in contact" : ""}`;
+    const nearest = this.times[frame], isBetween = !this.timer && Math.abs(nearest - time) > this.meta.step;
+    const note = isBetween ? `, nearest snapshot: ${engineering(nearest, "s")}` : "";
+    $("now").textContent = `t = ${words}${touch.length ? ", in contact" : ""}${note}`;
     const slider = $("time");
     slider.value = place;
     slider.setAttribute("aria-valuetext", words);
