@@ -168,7 +168,7 @@ fn plot_draws_all_that_a_run_left() {
     succeeds(&folder, &["plot", "run"]);
     let plots = folder.join("run/plots");
     let pictures = [
-        ("history", "deflection (m)"),
+        ("history", "deflection (mm)"),
         ("energy", "obstacle force"),
         ("contacts", "contact node"),
         ("phase", "velocity (m/s)"),

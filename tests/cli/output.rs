@@ -361,9 +361,10 @@ fn far_obstacles_do_not_squash_the_curves() {
 fn axes_are_written_in_fitting_units() {
     let folder = Folder::new("units");
     let cases = [
-        (2e-1, "deflection (m)"),
+        (3.0, "deflection (m)"),
+        (2e-1, "deflection (mm)"),
         (2e-2, "deflection (mm)"),
-        (2e-4, "deflection (mm)"),
+        (2e-4, "deflection (µm)"),
         (2e-6, "deflection (µm)"),
         (2e-9, "deflection (nm)"),
         (2e13, "deflection (10¹² m)"),
@@ -371,7 +372,7 @@ fn axes_are_written_in_fitting_units() {
     for (size, label) in cases {
         let table = history_of(&folder.0, &["tip"], 100, |t| (0.0, vec![size * (t - 0.5)]));
         let svg = drawn(&folder, &table, "units", &[]);
-        assert!(svg.contains(label) && svg.contains("energy (J)") && svg.contains("time (s)"), "{label}");
+        assert!(svg.contains(label) && svg.contains("energy (J)") && svg.contains("time (ms)"), "{label}");
     }
     let table = history_of(&folder.0, &[], 100, |t| (8.0 - t, vec![]));
     assert!(drawn(&folder, &table, "units", &[]).contains(">energy / initial<"));
@@ -381,10 +382,12 @@ fn axes_are_written_in_fitting_units() {
 fn colours_are_explained_in_the_units_of_axes() {
     let cases = [
         ("m", [-4.8e-4, 2e-3], ["\u{2212}0.48", "2"], "quantity (mm)"),
-        ("m", [-0.094, 0.21], ["\u{2212}0.094", "0.21"], "quantity (m)"),
+        ("m", [-0.094, 0.21], ["\u{2212}94", "210"], "quantity (mm)"),
+        ("m", [-0.94, 2.1], ["\u{2212}0.94", "2.1"], "quantity (m)"),
         ("Pa", [2.2e6, 5.8e8], ["2.2", "580"], "quantity (MPa)"),
         ("N s", [3e-6, 3e-3], ["0.003", "3"], "quantity (mN s)"),
-        ("N s", [1.2e-7, 1.2e-4], ["0.12 µN s", "0.12 mN s"], "quantity"),
+        ("N s", [1.2e-7, 1.2e-4], ["0.12", "120"], "quantity (µN s)"),
+        ("N s", [1.2e-7, 1.2e-3], ["120 nN s", "1.2 mN s"], "quantity"),
         ("1/s", [0.0, 4e-3], ["0", "4"], "quantity (10⁻³ 1/s)"),
         ("m", [f64::INFINITY, f64::NEG_INFINITY], ["", ""], "quantity (m)"),
     ];

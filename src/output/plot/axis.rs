@@ -113,10 +113,10 @@ impl Axis {
     }
 
     fn fit_linear(&self, range: [f64; 2], pad: f64, per: f64, wanted: usize) -> Fitted {
+        let magnitude = self.magnitude.unwrap_or(range[0].abs().max(range[1].abs()));
         let [low, high] = wide_enough(range);
         let pad = pad * (high - low);
         let [low, high] = [low - pad, high + pad];
-        let magnitude = self.magnitude.unwrap_or(low.abs().max(high.abs()));
         let exponent = exponent(magnitude / per, &self.symbol);
         let unit = per * 10f64.powi(exponent);
         let (first, last) = (low / unit, high / unit);
@@ -154,8 +154,7 @@ impl Axis {
         let (middle, half) = (0.5 * (low + high), (0.5 * (high - low)).max(0.35));
         let half = half * (1.0 + 2.0 * pad);
         let [low, high] = [middle - half, middle + half];
-        let magnitude = self.magnitude.filter(|magnitude| (LEAST..GREATEST).contains(magnitude));
-        let exponent = magnitude.map_or(0, |magnitude| exponent(magnitude / per, &self.symbol));
+        let exponent = self.magnitude.map_or(0, |magnitude| exponent(magnitude / per, &self.symbol));
         let shift = per.log10() + f64::from(exponent);
         let decades = (low - shift).floor() as i32..=(high - shift).ceil() as i32;
         let stride = (((high - low) / 7.0).ceil() as i32).max(1);
@@ -195,13 +194,17 @@ impl Axis {
     }
 }
 
+/// Returns whether a unit has a prefix for a power of ten.
+fn takes_prefix(symbol: &str, exponent: i32) -> bool {
+    // Inverse units such as 1/s take no prefix, and few units take one of large numbers.
+    let is_large = exponent > 0;
+    let is_usual = !is_large || ["J", "Hz", "N", "Pa"].contains(&symbol) || (symbol, exponent) == ("N s", 3);
+    is_usual && !symbol.is_empty() && !symbol.starts_with('1')
+}
+
 /// Returns the unit of numbers that are multiples of a power of ten of a unit.
 fn prefixed(symbol: &str, exponent: i32) -> String {
-    // Inverse units such as 1/s take no prefix, and few units take one of large numbers.
-    let takes_prefix = !symbol.is_empty() && !symbol.starts_with('1');
-    let is_usual =
-        exponent < 0 || ["J", "Hz", "N", "Pa"].contains(&symbol) || (symbol, exponent) == ("N s", 3);
-    match text::prefix_of(exponent).filter(|_| takes_prefix && is_usual) {
+    match text::prefix_of(exponent).filter(|_| takes_prefix(symbol, exponent)) {
         _ if exponent == 0 => symbol.to_owned(),
         Some(prefix) => format!("{}{symbol}", prefix.replace('u', "µ")),
         None if symbol.is_empty() => power_of_ten(exponent),
@@ -211,7 +214,7 @@ fn prefixed(symbol: &str, exponent: i32) -> String {
 
 /// Returns the unit of an axis whose values reach a magnitude, and its value in terms of `symbol`.
 pub(super) fn unit(symbol: &str, magnitude: f64) -> (String, f64) {
-    let exponent = if (LEAST..GREATEST).contains(&magnitude) { exponent(magnitude, symbol) } else { 0 };
+    let exponent = exponent(magnitude, symbol);
     (prefixed(symbol, exponent), 10f64.powi(exponent))
 }
 
@@ -266,13 +269,18 @@ fn wide_enough([low, high]: [f64; 2]) -> [f64; 2] {
 
 /// Returns the power of ten, a multiple of three, that gives short tick texts.
 fn exponent(magnitude: f64, symbol: &str) -> i32 {
-    // Numbers from 0.1 up to 100 of a unit; from 1 up to 1000 of one of stress, or of less than a
-    // second: 150 MPa instead of 0.15 GPa, as answers have it.
-    let is_whole = symbol == "Pa" || symbol == "s" && magnitude < 0.1;
-    let shift = if is_whole { 0.0 } else { 1.0 };
-    let exponent = 3 * ((magnitude.log10() + shift) / 3.0).floor() as i32;
-    let is_plain = exponent > 0 && symbol != "Pa" || symbol.is_empty();
-    if (1e-2..1e4).contains(&magnitude) && is_plain { 0 } else { exponent }
+    if !(LEAST..GREATEST).contains(&magnitude) {
+        return 0;
+    }
+    // The largest number has one to three digits before the point, as in answers; without a prefix
+    // it is from 0.1 up to 100, or plain.
+    let (one, _) = text::prefix(magnitude);
+    let exponent = one.log10().round() as i32;
+    match takes_prefix(symbol, exponent) {
+        true if magnitude > 0.1 * one => exponent,
+        false if (1e-2..1e4).contains(&magnitude) => 0,
+        _ => 3 * ((magnitude.log10() + 1.0) / 3.0).floor() as i32,
+    }
 }
 
 /// Rounds up to 1, 2 or 5 times a power of ten.
@@ -305,10 +313,12 @@ mod tests {
     use super::unit;
 
     #[test]
-    fn stresses_and_short_times_have_whole_numbers() {
+    fn units_are_those_of_answers() {
         let name = |symbol, magnitude| unit(symbol, magnitude).0;
         assert_eq!([name("Pa", 1.7e8), name("Pa", 2.1e11), name("Pa", 5e3)], ["MPa", "GPa", "kPa"]);
-        assert_eq!([name("s", 1e-4), name("s", 0.05), name("s", 0.5)], ["\u{b5}s", "ms", "s"]);
-        assert_eq!([name("m", 2e-4), name("N", 500.0), name("N s", 2e-16)], ["mm", "N", "fN s"]);
+        assert_eq!([name("s", 1e-4), name("s", 0.05), name("s", 0.5)], ["\u{b5}s", "ms", "ms"]);
+        assert_eq!([name("m", 2e-4), name("N", 500.0), name("N s", 2e-16)], ["\u{b5}m", "N", "fN s"]);
+        assert_eq!([name("m", 0.7), name("m", 2e3), name("N", 2e3)], ["mm", "m", "kN"]);
+        assert_eq!([name("m", 0.0), name("1/s", 0.05), name("", 2e-5)], ["m", "1/s", "10⁻⁶"]);
     }
 }
