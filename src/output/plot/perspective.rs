@@ -35,6 +35,8 @@ const WASHER: Pen = Pen::solid(Color::BLACK, 1.0);
 const RIM: u32 = 24;
 /// Magnitude of a mode shape below which it is rounding.
 const ROUNDING: f64 = 1e-9;
+/// Magnitude of a mode shape below which a face has no nodal line: beside clamps signs alternate.
+const STILL: f64 = 1e-3;
 const NODAL: Pen = Pen::solid(Color::BLACK, 0.7);
 const REMARK: Type = Type { halo: true, ..Type::new(6.5) };
 /// Largest distance of a snapshot from an event that it shows, relative to its time.
@@ -296,8 +298,12 @@ fn held(snapshots: &[(String, Surface)]) -> Vec<[[f64; 2]; 2]> {
         .collect()
 }
 
-/// Returns the ends of the nodal lines of a mode in a face; where two cross there may be two.
+/// Returns the ends of the nodal lines of a mode in a face, where it moves; where two cross there
+/// may be two.
 fn nodal_lines(surface: &Surface, face: &[usize]) -> Vec<[Space; 2]> {
+    if face.iter().all(|&point| surface.deflection[point].abs() < STILL) {
+        return Vec::new();
+    }
     let sides = face.iter().zip(face.iter().cycle().skip(1));
     let crossing = |(&a, &b): (&usize, &usize)| {
         let [from, to] = [surface.deflection[a], surface.deflection[b]];
@@ -499,5 +505,21 @@ impl Window {
             0.5 * (frame.left + frame.right) + scale * (right - middle[0]),
             0.5 * (frame.top + frame.bottom) - scale * (up - middle[1]),
         ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Surface, nodal_lines};
+
+    #[test]
+    fn what_does_not_move_has_no_nodal_line() {
+        let points = vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        let lines = |w: f64| {
+            let deflection = vec![-w, w, w, -w];
+            nodal_lines(&Surface { points: points.clone(), deflection, ..Surface::default() }, &[0, 1, 2, 3])
+        };
+        assert_eq!(lines(2e-3), [[[0.5, 0.0, 0.0], [0.5, 1.0, 0.0]]]);
+        assert!(lines(5e-4).is_empty());
     }
 }
