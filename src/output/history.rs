@@ -2,6 +2,7 @@
 
 use super::Lines;
 use crate::error::{Error, Result};
+use crate::geometry::range;
 use crate::hash::Extent;
 use crate::input;
 pub use crate::scene::HISTORY_COLUMNS as COLUMNS;
@@ -97,6 +98,24 @@ pub struct Table {
     columns: Vec<Vec<f64>>,
     /// Quantity of each probe.
     quantities: Vec<ProbeQuantity>,
+    /// Whether each probe is of a ball.
+    balls: Vec<bool>,
+}
+
+/// Ratio of the ranges of balls and of the plate above which one chart does not show both.
+const FAR: f64 = 5.0;
+
+/// Number, name and values of a probe.
+type Probe<'t> = (usize, &'t str, &'t [f64]);
+
+/// Probes of one chart.
+pub struct ProbeChart<'t> {
+    /// Quantity that they show.
+    pub title: String,
+    /// Unit of their values.
+    pub unit: &'static str,
+    /// Their numbers, names and values.
+    pub probes: Vec<Probe<'t>>,
 }
 
 impl Table {
@@ -123,10 +142,35 @@ impl Table {
         values.iter().map(|value| factor * (value - values[0])).collect()
     }
 
-    /// Sets the quantity of each probe from its name; by default all are deflections.
-    pub fn with_quantities(mut self, quantity_of: impl Fn(&str) -> ProbeQuantity) -> Table {
-        self.quantities = self.names.iter().skip(COLUMNS.len()).map(|name| quantity_of(name)).collect();
+    /// Sets from the name of each probe its quantity and whether it is of a ball; by default all
+    /// are deflections of the plate.
+    pub fn with_quantities(mut self, quantity_of: impl Fn(&str) -> (ProbeQuantity, bool)) -> Table {
+        let names = self.names.iter().skip(COLUMNS.len());
+        (self.quantities, self.balls) = names.map(|name| quantity_of(name)).unzip();
         self
+    }
+
+    /// Returns the charts of the probes: one per quantity, and another one for balls that go much
+    /// farther than the plate.
+    pub fn charts(&self) -> Vec<ProbeChart<'_>> {
+        let mut charts = Vec::new();
+        for (quantity, unit) in self.axes() {
+            let probes: Vec<Probe> = self.probes_of((quantity, unit)).collect();
+            let (balls, plate): (Vec<Probe>, _) = probes.iter().partition(|probe| self.balls[probe.0]);
+            let span = |probes: &[Probe]| {
+                let values = probes.iter().flat_map(|probe| probe.2).copied();
+                let [low, high] = range(values.filter(|value| value.is_finite()));
+                high - low
+            };
+            if plate.is_empty() || span(&balls) <= FAR * span(&plate) {
+                charts.push(ProbeChart { title: quantity.into(), unit, probes });
+            } else {
+                let of_balls = if quantity == "deflection" { "height" } else { quantity };
+                charts.push(ProbeChart { title: quantity.into(), unit, probes: plate });
+                charts.push(ProbeChart { title: format!("{of_balls} of balls"), unit, probes: balls });
+            }
+        }
+        charts
     }
 
     /// Returns number, name and values of each probe of a deflection (m).
@@ -228,10 +272,32 @@ fn parse(mut file: impl BufRead) -> io::Result<Table> {
             column.push(value.map_err(|_| malformed(number, &format!("{name} is not a number: {text:?}")))?);
         }
     }
-    let quantities = vec![ProbeQuantity::Deflection; names.len() - COLUMNS.len()];
-    Ok(Table { names, columns, quantities })
+    let probes = names.len() - COLUMNS.len();
+    let (quantities, balls) = (vec![ProbeQuantity::Deflection; probes], vec![false; probes]);
+    Ok(Table { names, columns, quantities, balls })
 }
 
 pub(super) fn malformed(line: usize, what: &str) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidData, format!("line {line}: {what}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn balls_have_a_chart_where_they_go_far() {
+        let table = |height: f64| {
+            let rows = [0.0, 1.0]
+                .map(|share| format!("{}{},{}\n", "0,".repeat(COLUMNS.len()), 2.0 * share, height * share));
+            let text = format!("{},tip,ball\n{}", COLUMNS.join(","), rows.concat());
+            let of_probe = |name: &str| (ProbeQuantity::Deflection, name == "ball");
+            parse(text.as_bytes()).unwrap().with_quantities(of_probe)
+        };
+        let titles = |table: &Table| table.charts().into_iter().map(|chart| chart.title).collect::<Vec<_>>();
+        assert_eq!(titles(&table(9.9)), ["deflection"]);
+        let far = table(10.1);
+        assert_eq!(titles(&far), ["deflection", "height of balls"]);
+        assert_eq!(far.charts()[1].probes[0], (1, "ball", &[0.0, 10.1][..]));
+    }
 }

@@ -5,12 +5,12 @@ use crate::scene::ProbeQuantity;
 use serde_json::Value;
 use std::collections::BTreeMap;
 
-/// Returns the quantity of a probe of a resolved scene.
-pub fn quantity(scene: &Value, probe: &str) -> ProbeQuantity {
+/// Returns the quantity of a probe of a resolved scene, and whether the probe is of a ball.
+pub fn quantity(scene: &Value, probe: &str) -> (ProbeQuantity, bool) {
     let probes = scene["output"]["probes"].as_array();
     let row = probes.into_iter().flatten().find(|entry| entry["name"] == probe);
     let named = row.and_then(|row| row["quantity"].as_str()).and_then(ProbeQuantity::named);
-    named.unwrap_or_default()
+    (named.unwrap_or_default(), row.is_some_and(|row| !row["ball"].is_null()))
 }
 
 /// Returns the obstacles of a resolved scene that have one constant height, without repetition.

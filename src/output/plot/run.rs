@@ -6,7 +6,7 @@ use super::plan::plan;
 use super::{Axis, Bar, Color, Curve, Figure, Obstacle, Panel, Ramp, short};
 use crate::geometry::range;
 use crate::output::contacts::Contact;
-use crate::output::history::Table;
+use crate::output::history::{ProbeChart, Table};
 use crate::scene::ProbeQuantity;
 use rustfft::FftPlanner;
 use rustfft::num_complex::Complex;
@@ -27,12 +27,12 @@ const LEAST_START: f64 = 0.05;
 /// Panels without curves are left out.
 pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
     let times = column(table, "time");
-    let quantity = |axis: (&'static str, &'static str)| {
-        let probes = table.probes_of(axis);
-        let panel = Panel::new(time(table), Axis::linear(axis.0, axis.1))
-            .curves(probes.map(|(index, name, values)| Curve::of(name, times, values).style(index)))
-            .without_x_labels();
-        if axis == ProbeQuantity::Deflection.axis() { panel.obstacles(obstacles) } else { panel }
+    let quantity = |ProbeChart { title, unit, probes }: ProbeChart| {
+        let curves = probes.into_iter();
+        let curves = curves.map(|(index, name, values)| Curve::of(name, times, values).style(index));
+        let obstacles = if title == "deflection" { obstacles } else { &[] };
+        let panel = Panel::new(time(table), Axis::linear(title, unit));
+        panel.curves(curves).obstacles(obstacles).without_x_labels()
     };
     let start = start(table);
     let axis = match start {
@@ -40,7 +40,7 @@ pub fn history(table: &Table, title: &str, obstacles: &[Obstacle]) -> Figure {
         None => Axis::linear("energy", "J"),
     };
     let energies = Panel::new(time(table), axis.with([0.0])).height(66.0).curves(energies(table));
-    let panels = table.axes().into_iter().map(quantity);
+    let panels = table.charts().into_iter().map(quantity);
     let figure = panels.fold(Figure::new(title), Figure::panel);
     if table.forces().next().is_none() {
         return figure.panel(energies);

@@ -2,7 +2,7 @@
 
 use super::blob::PageData;
 use crate::output::answers::EQUAL;
-use crate::output::history::Table;
+use crate::output::history::{ProbeChart, Table};
 use serde_json::{Value, json};
 
 /// Approximate limit on the values of all curves.
@@ -134,10 +134,10 @@ fn charts(table: &Table, rules: &[f64]) -> Vec<Chart> {
     };
     let chart = |title: &str, unit, curves| Chart { title: title.into(), unit, rules: Vec::new(), curves };
     let mut charts = Vec::new();
-    for axis in table.axes() {
-        let lines = table.probes_of(axis).map(|(_, name, values)| line(name, values)).collect();
-        let rules = if axis == ("deflection", "m") { rules.to_vec() } else { Vec::new() };
-        charts.push(Chart { rules, ..chart(axis.0, axis.1, lines) });
+    for ProbeChart { title, unit, probes } in table.charts() {
+        let lines = probes.into_iter().map(|(_, name, values)| line(name, values)).collect();
+        let rules = if title == "deflection" { rules.to_vec() } else { Vec::new() };
+        charts.push(Chart { rules, ..chart(&title, unit, lines) });
     }
     let moves = |values: &[f64]| values.iter().any(|value| *value != 0.0);
     let stored = table.stored();
