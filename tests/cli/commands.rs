@@ -189,7 +189,7 @@ fn a_wrong_command_line_exits_2() {
     for (arguments, words) in [
         (&["fly"][..], "'fly'; see rebond --help"),
         (&["run"], "were not provided: <SCENE>; see rebond run --help"),
-        (&["modes", "fall.toml", "--count", "x"], "found in string; see rebond modes --help"),
+        (&["modes", "fall.toml", "--count", "x"], "expected a whole number; see rebond modes --help"),
     ] {
         let wrong = rebond(&folder, arguments);
         let said = text(&wrong.stderr);
