@@ -170,7 +170,7 @@ impl RunFolder {
             None => absent.push("no contacts: the scene has neither obstacles nor balls"),
         }
         if table.deflections().next().is_some() {
-            figures.push(("phase", run::phase(table, title, opposite)));
+            figures.push(("phase", run::phase(table, title, opposite, &self.obstacles())));
         } else {
             absent.push("no phase portraits: the scene has no probes of deflections (output.probes)");
         }

@@ -150,8 +150,20 @@ pub(super) fn joined(contacts: &[Contact], apart: f64) -> Vec<(usize, [f64; 2], 
 /// Plots velocity over deflection of each probe of a deflection, with the heights (m) of the
 /// obstacles it faces.
 ///
-/// `opposite` has these heights by name of the probe.
-pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) -> Figure {
+/// `opposite` has these heights by name of the probe, and `obstacles` names them.
+pub fn phase(
+    table: &Table,
+    title: &str,
+    opposite: &BTreeMap<String, Vec<f64>>,
+    obstacles: &[Obstacle],
+) -> Figure {
+    let named = |height: f64| {
+        let mut names = obstacles.iter().filter_map(|obstacle| match obstacle {
+            Obstacle::Part(place, name) if *place == height => Some(&**name),
+            _ => None,
+        });
+        (height, names.next().unwrap_or("obstacle"))
+    };
     let times = column(table, "time");
     let panel = |(index, name, values): (usize, &str, &[f64])| {
         let rate = |i: usize| {
@@ -159,7 +171,7 @@ pub fn phase(table: &Table, title: &str, opposite: &BTreeMap<String, Vec<f64>>) 
             (values[b] - values[a]) / (times[b] - times[a])
         };
         let points: Vec<[f64; 2]> = (0..values.len()).map(|i| [values[i], rate(i)]).collect();
-        let walls = opposite.get(name).into_iter().flatten().map(|&height| (height, "obstacle"));
+        let walls = opposite.get(name).into_iter().flatten().map(|&height| named(height));
         let span = values.iter().copied().filter(|w| w.is_finite()).fold(0.0, |m: f64, w| m.max(w.abs()));
         let panel =
             Panel::new(Axis::linear("deflection", "m"), Axis::linear("velocity", "m/s")).height(100.0);
