@@ -44,10 +44,18 @@ pub fn answers(summary: &Value) -> Vec<KeyFigure> {
     forces.sort_by_key(|(name, _)| name.starts_with("obstacle_"));
     let (held, met): (Vec<_>, Vec<_>) =
         forces.into_iter().partition(|(name, _)| supports.contains(&name.as_str()));
+    // Energy over deflection is the size of forces; much smaller ones are rounding.
+    let most =
+        summary["energy"]["stored"].as_array().into_iter().flatten().chain([&summary["energy"]["max"]]);
+    let most = most.filter_map(Value::as_f64).fold(0.0, |most: f64, energy| most.max(energy.abs()));
+    let deflection = summary["largest_deflection"]["value"].as_f64().unwrap_or(0.0).abs();
+    let least = if deflection > 0.0 { EQUAL * most / deflection } else { 0.0 };
     let lost = &summary["dissipated"];
     for (name, force) in [&met, &held].into_iter().flat_map(|forces| forces.iter().take(MOST_FORCES)) {
         let heat = quantity(&lost[name], "J").map_or(String::new(), |heat| format!(", {heat} dissipated"));
-        add(name, Some(force_of(force) + &heat));
+        let is_rounding = force["peak"].as_f64().is_some_and(|peak| peak != 0.0 && peak.abs() <= least);
+        let told = if is_rounding { "no force".to_owned() + &moment_of(force) } else { force_of(force) };
+        add(name, Some(told + &heat));
     }
     let others: usize = [met, held].iter().map(|forces| forces.len().saturating_sub(MOST_FORCES)).sum();
     add("...", (others > 0).then(|| format!("{others} more stops and supports in summary.json")));
@@ -110,20 +118,24 @@ pub(super) fn force_of(force: &Value) -> String {
     };
     let hardest = &force["hardest"];
     let hardest = || Some((quantity(&hardest["impulse"], "N s")?, quantity(&hardest["time"], "s")?));
-    let more = match (force["impacts"].as_u64(), hardest(), moment(&force["peak_moment"])) {
-        (Some(1), ..) => ", 1 contact".into(),
-        (Some(count), Some((impulse, time)), _) => {
+    let more = match (force["impacts"].as_u64(), hardest()) {
+        (Some(1), _) => ", 1 contact".into(),
+        (Some(count), Some((impulse, time))) => {
             format!(", {count} contacts, the hardest {impulse} at {time}")
         }
-        (Some(count), ..) => format!(", {count} contacts"),
-        (None, _, Some(moment)) => format!(", moment up to {}", engineering(moment, "N m")),
-        (None, ..) => String::new(),
+        (Some(count), None) => format!(", {count} contacts"),
+        (None, _) => moment_of(force),
     };
     format!("peak force {peak} at {time}, impulse {impulse}{more}")
 }
 
-fn moment(moment: &Value) -> Option<f64> {
-    Some(moment[0].as_f64()?.hypot(moment[1].as_f64()?)).filter(|moment| *moment > 0.0)
+/// Returns the largest moment of a support after a comma; empty where there is none.
+fn moment_of(force: &Value) -> String {
+    let [x, y] = [0, 1].map(|axis| force["peak_moment"][axis].as_f64().unwrap_or(0.0));
+    match x.hypot(y) {
+        0.0 => String::new(),
+        moment => format!(", moment up to {}", engineering(moment, "N m")),
+    }
 }
 
 /// Returns how damping, the dashpots of stops, friction and impacts share an energy lost, in J, in
