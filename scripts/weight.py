@@ -19,7 +19,7 @@ PAGE = ROOT / "CONTRIBUTING.md"
 BEGIN, END = "<!-- weight: begin -->\n", "<!-- weight: end -->\n"
 
 # Largest total, in lines of code.
-LIMIT = 64_270
+LIMIT = 64_300
 
 # Difference up to which a row of the page counts as true: lines, and share of the row.
 TOLERANCE = (30, 0.05)

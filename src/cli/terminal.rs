@@ -8,14 +8,17 @@ use crate::output::checkpoint::Checkpoint;
 use crate::output::progress::{Progress, State};
 use crate::simulation::{Observer, Row, RunState};
 
+/// Energy at the start, relative to what the plate has, up to which it is no measure.
+const LEAST_START: f64 = 0.1;
+
 /// Progress of a run, shown by the process that writes its tables.
 pub(super) struct Terminal<'r> {
     job: &'r Job,
     progress: Option<Progress>,
     /// Progress report of the set-up, until the first row.
     set_up: Option<SetUpTold>,
-    /// Energies at the start of the run and of the last row, in J; of a driven plate the latter
-    /// alone, without the work of loads.
+    /// Energies at the start of the run and of the last row, in J; where the
+    /// start is no measure the latter alone, without the work of loads.
     start: f64,
     energy: f64,
 }
@@ -54,7 +57,12 @@ impl Observer for Terminal<'_> {
 
     fn row(&mut self, row: &Row) -> Result<()> {
         self.set_up = None;
-        self.energy = if self.is_driven() { row.kinetic + row.elastic } else { row.energy };
+        let stored = row.kinetic + row.elastic;
+        // Where a load has done most of the work, the energy at the start is no measure.
+        if self.start.abs() <= LEAST_START * stored {
+            self.start = f64::NAN;
+        }
+        self.energy = if self.start.is_nan() { stored } else { row.energy };
         Ok(())
     }
 
