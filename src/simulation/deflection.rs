@@ -71,44 +71,37 @@ impl DeflectionSites {
         DeflectionSites { sites, motion: motion.clone() }
     }
 
-    /// Returns the deflection of each site (m) for displacements (m), or its velocity (m/s) for
-    /// rates, with the share of supports at these heights (m) or rates.
-    fn values(&self, u: &[f64], heights: &[f64]) -> Vec<f64> {
-        let shapes: Vec<(f64, &[f64])> = heights.iter().copied().zip(self.motion.shapes()).collect();
-        let value = |&(dof, node, _): &(usize, usize, _)| {
-            shapes.iter().fold(u[dof], |sum, (height, shape)| sum + height * shape[PER_NODE * node])
-        };
-        self.sites.iter().map(value).collect()
-    }
-
-    /// Returns the deflections at the present instant of a scheme, in m.
-    fn deflections(&self, scheme: &dyn Solution) -> Result<Vec<f64>> {
-        let lifts = self.motion.lifts(scheme.time())?;
-        let heights: Vec<f64> = lifts.into_iter().map(|(height, _)| height).collect();
-        Ok(self.values(scheme.displacement(), &heights))
-    }
-
     /// Returns the time in which the first node comes to a deflection of this size (m) at its
     /// present velocity, in s.
     fn time_to(&self, size: f64, scheme: &mut dyn Scheme) -> Result<f64> {
-        let rates = scheme.velocity()?;
-        let rates = self.values(&rates, &scheme.support_rates()?);
-        let time =
-            |(value, rate): (f64, f64)| (size - value.abs()).max(0.0) / (rate * value.signum()).max(0.0);
-        let times = self.deflections(scheme)?.into_iter().zip(rates).map(time);
-        Ok(times.fold(f64::INFINITY, f64::min))
+        let (rates, of_supports) = (scheme.velocity()?, scheme.support_rates()?);
+        let moves: Vec<(f64, &[f64])> = of_supports.into_iter().zip(self.motion.shapes()).collect();
+        let (u, lifts) = (scheme.displacement(), self.motion.lifts(scheme.time())?);
+        let time = |&(dof, node, _): &(usize, usize, _)| {
+            let (value, rate) = (lifted(u[dof], &lifts, node), lifted(rates[dof], &moves, node));
+            (size - value.abs()).max(0.0) / (rate * value.signum()).max(0.0)
+        };
+        Ok(self.sites.iter().map(time).fold(f64::INFINITY, f64::min))
     }
 
     /// Returns the largest deflection at the present instant of a scheme.
     fn largest(&self, scheme: &dyn Solution) -> Result<LargestDeflection> {
-        let mut largest = LargestDeflection { value: 0.0, time: scheme.time(), at: [0.0; 2] };
-        for (value, &(.., place)) in self.deflections(scheme)?.into_iter().zip(&self.sites) {
+        let (u, time) = (scheme.displacement(), scheme.time());
+        let mut largest = LargestDeflection { value: 0.0, time, at: [0.0; 2] };
+        let lifts = self.motion.lifts(time)?;
+        for &(dof, node, place) in &self.sites {
+            let value = lifted(u[dof], &lifts, node);
             if value.abs() > (1.0 + EQUAL) * largest.value.abs() {
                 largest = LargestDeflection { value, at: place, ..largest };
             }
         }
         Ok(largest)
     }
+}
+
+/// Returns a deflection (m) with the share of supports at heights (m), or its rate with theirs.
+fn lifted(value: f64, lifts: &[(f64, &[f64])], node: usize) -> f64 {
+    lifts.iter().fold(value, |sum, (height, shape)| sum + height * shape[PER_NODE * node])
 }
 
 /// Search for the largest deflection over the steps of a run.
