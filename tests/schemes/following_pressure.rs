@@ -3,6 +3,9 @@
 
 use crate::common::scenes::{close, grid, inspect, model, newmark, refusal, run, run_until_it_ends, scene};
 use rebond::Error;
+use rebond::field::{Field, Names};
+use rebond::geometry::Point;
+use rebond::scene::FieldInput;
 
 const EPSILON: f64 = 8.854e-12;
 
@@ -199,4 +202,41 @@ fn a_piston_that_nothing_stops_ends_its_run_at_the_electrode() {
     ended(&piston(9e3, "fvs", "obstacle = [{ side = \"below\", height = -6e-4 }]")).1.unwrap();
     let (largest, ended) = ended(&piston(9e3, "fvs", "").replace("(1e-3 + w)^2", "max(1e-3 + w, 5e-4)^2"));
     assert!(largest.unwrap().value < -1e-3 && ended.is_ok(), "{largest:?}, {ended:?}");
+}
+
+/// Formulas without a pole have none, whatever their bounds are at 0, at kinks and at jumps.
+#[test]
+fn poles_are_those_of_the_formula() {
+    let pole = |formula: &str, w: f64| {
+        let field = Field::parse(formula, Names::XYTW).unwrap();
+        FieldInput::new("load.pressure", field).of_deflection(0.1).pole(Point::new(0.3, 0.2), w)
+    };
+    for formula in [
+        "-1e9*w",
+        "w^3 - 2*w",
+        "-2*abs(w)^1.5",
+        "-sqrt(abs(w))",
+        "-1e3*step(-w - 1e-4)*(-w - 1e-4)^1.5",
+        "-1/max(1e-3 + w, 1e-5)^2",
+        "if(w > -5e-4, -1/(1e-3 + w)^2, -4e6)",
+        "1/(1 + w^2)",
+        "exp(-w/1e-4)",
+        "-1/(2e-3 + w)^2",
+        "sin(w)/cos(w)",
+        "min(w, 0)^2*t",
+        "1/(1e-3 + abs(w))",
+        "x*y*w + mod(w, 1e-4)",
+    ] {
+        for w in [-1.5e-3, -1e-9, 0.0, 1e-9, 1.5e-3] {
+            assert_eq!(pole(formula, w), None, "{formula} to {w}");
+        }
+    }
+    for (formula, w, place) in [
+        ("-1/(1e-3 + w)^2", -1.5e-3, -1e-3),
+        ("t/(1e-3*(1 + x) + w)", -1.5e-3, -1.3e-3),
+        ("1/(1e-3 + w)^2 - 1/(1e-3 - w)^2", 1.5e-3, 1e-3),
+    ] {
+        close(formula, pole(formula, w).unwrap(), place, 1e-6);
+        assert_eq!(pole(formula, 0.99 * place), None, "{formula}");
+    }
 }
