@@ -395,13 +395,13 @@ pub(super) fn again_by(commands: &str, [version, hash]: [&str; 2], resolved: &Va
     let beside = match files.is_empty() {
         true => String::new(),
         false => {
-            format!(" It names other files, which must be at their places: {}.", escaped(&files.join(", ")))
+            format!(" (it names other files, which must be at their places: {})", escaped(&files.join(", ")))
         }
     };
     let [version, hash, commands] = [version, hash, commands].map(escaped);
     let words = format!(
         "<p>The scene below has every default filled in (rebond {version}, scene {hash}). Save it as \
-         <code>scene.toml</code>, and run:{beside}</p>\n\
+         <code>scene.toml</code>{beside}, and run:</p>\n\
          <pre>{commands}</pre>\n\
          <p class=\"live\"><button type=\"button\" id=\"save\">Save scene.toml</button></p>\n\
          <details><summary>The resolved scene</summary><pre id=\"scene-text\">{}</pre></details>",
