@@ -107,7 +107,10 @@ fn run_from<E: Engine>(
     outcome.linear = model.system.engine.linear_solves().into();
     let comm = model.system.engine.comm();
     // Other errors may have stopped some processes earlier than others.
-    let is_common = matches!(ended, Ok(()) | Err(Error::Interrupted { .. } | Error::EnergyGuard { .. }));
+    let is_common = matches!(
+        ended,
+        Ok(()) | Err(Error::Interrupted { .. } | Error::EnergyGuard { .. } | Error::PulledIn { .. })
+    );
     if is_common || comm.size() == 1 {
         outcome.extremes = monitor.extremes(model);
         outcome.worst_penetration = comm.all_reduce_max(outcome.worst_penetration);

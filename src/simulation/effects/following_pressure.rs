@@ -160,10 +160,15 @@ impl<P: Partition> FollowingLoad for FollowingPressure<P> {
 
     fn refuse_poles(&self, time: f64, u: &[f64]) -> Result<()> {
         let (shape, pressure) = (self.shape(u), self.pressure.of_deflection(time));
-        self.for_each(|point, places| {
-            let pole = pressure.pole(point.place, point.deflection(places, &shape));
-            let key = self.pressure.key.clone();
-            pole.map_or(Ok(()), |w| Err(Error::PulledIn { key, time, point: point.place.into(), w }))
+        let points = self.cells.iter().flat_map(|(points, places)| points.iter().map(move |p| (p, places)));
+        let poles = points.filter_map(|(point, places)| {
+            let w = pressure.pole(point.place, point.deflection(places, &shape))?;
+            Some([point.place.x, point.place.y, w])
+        });
+        // All ranks have the same error.
+        let poles = self.partition.comm().all_gather(&poles.take(1).collect::<Vec<_>>());
+        poles.first().map_or(Ok(()), |&[x, y, w]| {
+            Err(Error::PulledIn { key: self.pressure.key.clone(), time, point: [x, y], w })
         })
     }
 
