@@ -17,8 +17,8 @@ pub(super) struct Terminal<'r> {
     progress: Option<Progress>,
     /// Progress report of the set-up, until the first row.
     set_up: Option<SetUpTold>,
-    /// Energies at the start of the run and of the last row, in J; where the
-    /// start is no measure the latter alone, without the work of loads.
+    /// Energies at the start of the run and of the last row, in J. The start is NaN where it is no
+    /// measure; the other one is then what the plate has, without the work of loads.
     start: f64,
     energy: f64,
 }

@@ -169,7 +169,7 @@ impl Field {
             Instruction::Variable(Name::W) => Instruction::Variable(Name::T),
             other => *other,
         };
-        // What depends on time alone is computed once for all places and deflections.
+        // Parts of time alone become numbers, which all places and deflections share.
         let folded = code::fold(self.code.iter().map(replaced).zip(self.spans.clone()).collect());
         let (code, spans) = folded.into_iter().unzip();
         Field { code, names: Names::XYT, text: self.text.clone(), spans }

@@ -147,7 +147,6 @@ impl<'a> Contents<'a> {
             nodes: self.node_numbers(&numbers, mesh.nodes.len()),
             cells: self.add_cells(&mut mesh, &numbers),
         };
-        mesh.notes.extend(self.repeated_cells());
         mesh.slits = import.slits;
         self.require_apart(&mesh, import)?;
         self.add_edges(&mut mesh, &numbers)?;
@@ -225,10 +224,11 @@ impl<'a> Contents<'a> {
         Ok((mesh, numbers))
     }
 
-    /// Adds the cells and their groups. Returns the number in the file of each cell.
+    /// Adds the cells and their groups, and a note where cells stand twice in the same groups,
+    /// maybe in place of others. Returns the number in the file of each cell.
     fn add_cells(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) -> Vec<u64> {
         let mut cell_numbers: HashMap<Cell, usize> = HashMap::new();
-        let mut names = Vec::new();
+        let (mut names, mut repeated) = (Vec::new(), 0);
         for block in self.blocks_of(2) {
             let mut members = Vec::new();
             for (nodes, &name) in block.nodes.chunks_exact(block.shape.nodes).zip(&block.numbers) {
@@ -247,27 +247,18 @@ impl<'a> Contents<'a> {
                     mesh.cells.len() - 1
                 }));
             }
+            let listed = members.len();
+            sort(&mut members);
+            repeated += listed - members.len();
             for &group in block.groups.iter() {
                 mesh.groups.entry(self.name(2, group)).or_default().extend(&members);
             }
         }
         mesh.groups.values_mut().for_each(sort);
+        if repeated > 0 {
+            mesh.notes.push(format!("the mesh file has {repeated} of its cells twice; each counts once"));
+        }
         names
-    }
-
-    /// Returns a note where cells stand twice in the same groups, maybe in place of others.
-    fn repeated_cells(&self) -> Option<String> {
-        let mut seen = HashSet::new();
-        let mut is_new = |(groups, nodes): (&Groups, &[usize])| {
-            let mut nodes = nodes.to_vec();
-            nodes.sort_unstable();
-            seen.insert((groups.clone(), nodes))
-        };
-        let cells = self.blocks_of(2).flat_map(|block| {
-            block.nodes.chunks_exact(block.shape.nodes).map(|nodes| (&block.groups, nodes))
-        });
-        let count = cells.filter(|cell| !is_new(*cell)).count();
-        (count > 0).then(|| format!("the mesh file has {count} of its cells twice; each counts once"))
     }
 
     fn add_edges(&self, mesh: &mut Mesh, numbers: &[Option<usize>]) -> Result<()> {

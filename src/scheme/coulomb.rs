@@ -133,7 +133,7 @@ pub(super) struct Rounds {
 }
 
 impl Rounds {
-    /// Solves a step in rounds, as long as a round returns that another one is due.
+    /// Solves a step in rounds, until a round returns that no further one is needed.
     pub fn run(mut round: impl FnMut(&mut Rounds) -> Result<bool>) -> Result<Rounds> {
         let mut rounds = Rounds::default();
         while round(&mut rounds)? {}

@@ -8,7 +8,8 @@
 //! ```
 //!
 //! With the midpoint rule U' is the displacement of a step. In Newmark's scheme the instant n has
-//! `$U' = \tfrac12 (U^{n+1} - U^{n-1})$`, and a step takes the mean of its two instants.
+//! `$U' = \tfrac12 (U^{n+1} - U^{n-1})$`. The energy of a step is then the mean over its two
+//! instants.
 
 use super::{System, ViscousTip};
 use crate::archive::Archive;

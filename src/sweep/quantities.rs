@@ -16,7 +16,7 @@ pub(super) struct Quantity<'q> {
 }
 
 impl Quantity<'_> {
-    /// Returns the number of a row; `None` where its run failed or lacks the measure.
+    /// Returns the value of the quantity in a row; `None` where the run failed or does not have it.
     pub fn of_row(&self, row: &SweepRow) -> Option<f64> {
         row.measures.as_ref().and_then(&self.value)
     }

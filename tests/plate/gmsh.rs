@@ -148,6 +148,24 @@ fn sparse_numbers_orphans_and_foreign_sections_are_welcome() {
     assert_eq!(mesh.groups, [("plate".to_string(), vec![0, 1])].into());
 }
 
+/// A cell that stands twice in one group may have taken the place of another: it is counted. In two
+/// groups it is no surprise.
+#[test]
+fn cells_that_stand_twice_are_counted() {
+    let read = |text: &str| Mesh::from_bytes(text.as_bytes(), "square.msh", Import::default()).unwrap();
+    let again = |group: &str| {
+        let text = SQUARE.replace("Elements\r\n3\r\n", "Elements\r\n4\r\n");
+        text.replace("$EndElements", &format!("4 2 2 {group} 1 20 30 10\r\n$EndElements"))
+    };
+    let mesh = read(SQUARE);
+    assert_eq!((mesh.cells.len(), mesh.notes.len()), (2, 0));
+    let twice = read(&again("2"));
+    assert_eq!(twice.notes, ["the mesh file has 1 of its cells twice; each counts once"]);
+    assert_eq!((twice.cells, &twice.groups), (mesh.cells.clone(), &mesh.groups));
+    let in_two = read(&again("7"));
+    assert_eq!((in_two.cells, in_two.notes.len(), in_two.groups.len()), (mesh.cells, 0, 2));
+}
+
 /// Versions from 2.0 on have the sections of 2.2, the first also names without a dimension; and a
 /// name that no element uses is no hindrance. The curve then has its number for a name.
 #[test]

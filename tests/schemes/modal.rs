@@ -363,7 +363,7 @@ fn a_step_of_too_many_parts_is_refused() {
 }
 
 /// The largest deflection of a struck plate is as large as at every row of every node, the last
-/// included: many modes move, and a contact changes the velocity between two looks.
+/// included. Many modes are excited, and contacts change the velocity suddenly.
 #[test]
 fn the_largest_deflection_is_as_large_as_at_every_row() {
     for (scheme, end) in [("conserving", 0.0113), ("newmark", 0.0113), ("exact", 0.04)] {
